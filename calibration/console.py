@@ -12,9 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 WIDTH = 100  # of running text, on wider terminals too
-SIGNALS = [
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-]
+SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 _sign = ""  # of life, while it is shown
 
 

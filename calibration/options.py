@@ -272,9 +272,7 @@ def documented(function: Function, without: Iterable[str] = ()) -> Function:
     ]
     parameters.sort(key=lambda parameter: parameter.kind)
     function.__signature__ = signature.replace(parameters=[*parameters, *more])  # type: ignore[attr-defined]
-    table = "\n".join(
-        f"        {parameter.name}: {fields[parameter.name].description}." for parameter in more
-    )
+    table = "\n".join(f"        {p.name}: {fields[p.name].description}." for p in more)
     function.__doc__ = (function.__doc__ or "").replace("        OPTIONS", table)
     return function
 

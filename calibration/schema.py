@@ -129,9 +129,7 @@ def schema_of(model: type[BaseModel]) -> dict[str, Any]:
 
 def choices(model: type[BaseModel], name: str) -> tuple[Any, ...]:
     """The words that a field may be, without null; empty for other fields."""
-    return tuple(
-        word for part in _parts(schema_of(model)["properties"][name]) for word in _enum(part)
-    )
+    return tuple(w for p in _parts(schema_of(model)["properties"][name]) for w in _enum(p))
 
 
 def words(schema: Mapping[str, Any]) -> str:

@@ -53,9 +53,7 @@ WORDS = {  # what a parameter is, where the law's field says less
 }
 DERIVED = {"critical_velocity": ("v_cr", "m/s"), "eps_up": ("ε_up", ""), "yield_ratio": ("E/Y", "")}
 DERIVED |= {"chi": ("χ̃", ""), "sigma": ("σ", ""), "psi": ("ψ", "")}
-LETTERS = {"chi squared": "χ²"} | {
-    name: DERIVED[name][0] for name in ("chi", "sigma", "psi", "eps_up")
-}
+LETTERS = {"chi squared": "χ²"} | {n: DERIVED[n][0] for n in ("chi", "sigma", "psi", "eps_up")}
 
 
 def symbol(name: str, model: Any = None) -> Symbol:

@@ -71,9 +71,7 @@ def _surroundings(with_cache: bool) -> dict[str, str]:
     import jax
 
     versions = {name: metadata.version(name) for name in PACKAGES}
-    devices = ", ".join(
-        f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()
-    )
+    devices = ", ".join(f"{d.platform}:{d.id} {d.device_kind}" for d in jax.devices())
     cache_folder = jax.config.jax_compilation_cache_dir if with_cache else None
     return versions | {
         "Python": f"{platform.python_version()} ({sys.executable})",

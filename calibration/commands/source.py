@@ -127,9 +127,7 @@ def _of_file(arguments: argparse.Namespace) -> Source:
         more: dict[str, Any] = {"line": line, "losses": losses, "measured": measured}
         span = critical, last
         return Source(entry.name, law, span, properties, bodies, remark="\n".join(lines), **more)
-    known = {
-        name: parameter.value for name, parameter in entry.stated.items() if not parameter.free
-    }
+    known = {name: p.value for name, p in entry.stated.items() if not p.free}
     known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
     free = {name: parameter for name, parameter in entry.stated.items() if parameter.free}
     law = _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free)

@@ -106,9 +106,7 @@ class Air:
     def take(self, rows) -> "Air":
         """That of some rows."""
         ball = {name: getattr(self, name) for name in ("diameter", "mass")}
-        return replace(
-            self, **{name: value[rows] for name, value in ball.items() if np.ndim(value)}
-        )
+        return replace(self, **{n: value[rows] for n, value in ball.items() if np.ndim(value)})
 
     def fall(self, height: Column) -> Column:
         """Speed at the end of a fall from `height` [m], (n,) [m/s]."""

@@ -233,9 +233,7 @@ def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Lay
     percent = {name for name, unit in written.items() if unit == "%" and "uncertainty" in name}
     points = percent & ({"uncertainty"} if written.get("restitution") == "%" else set())
     relative = frozenset(percent - points)
-    sizes = {
-        name: PERCENT if name in relative else _size(name, unit) for name, unit in written.items()
-    }
+    sizes = {n: PERCENT if n in relative else _size(n, unit) for n, unit in written.items()}
     remarks = [
         *_remarks(read, names, used),
         *(f"{name} in % is relative to its quantity" for name in sorted(relative)),

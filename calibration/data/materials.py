@@ -490,9 +490,7 @@ class _Reader:
         place = data.refusal("", "", row)
         fastest = f"{data.velocity[row]:.4g} m/s"
         strength = float(np.asarray(contact.yield_strength))
-        is_assumed = any(
-            "assuming" in remark and "velocity in m/s" in remark for remark in data.remarks
-        )
+        is_assumed = any("assuming" in note and "velocity in m/s" in note for note in data.remarks)
         if is_assumed and RANGES["yield_strength"].lowest <= strength:
             problem = f"velocity is {fastest}, beyond the limit √(3 Y/ρ) of {limit:.4g} m/s"
             accepted = "no unit in the header, assuming m/s: is it `velocity [mm/s]`, say?"

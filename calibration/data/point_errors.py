@@ -76,14 +76,8 @@ class PointErrors:
         """Select points, which share no input error with the others."""
         index, back = np.unique(self.index[rows], return_inverse=True)
         index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)
-        of_points = (
-            "to_restitution",
-            "to_velocity",
-            "restitution_alone",
-            "velocity_alone",
-            "by_drag",
-        )
-        chosen = {name: getattr(self, name) for name in of_points}
+        names = ("to_restitution", "to_velocity", "restitution_alone", "velocity_alone", "by_drag")
+        chosen = {name: getattr(self, name) for name in names}
         chosen = {name: column[rows] for name, column in chosen.items() if column is not None}
         size = None if self.size is None else self.size[index]
         return replace(self, index=back, size=size, **chosen)

@@ -130,9 +130,7 @@ def read_points(
     headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
     layout = layout_of([str(header) for header in headers])
     kind = layout.kind
-    columns = {
-        name: _column(name, table[headers[at]], layout) for name, at in layout.position.items()
-    }
+    columns = {n: _column(n, table[headers[at]], layout) for n, at in layout.position.items()}
     for name, unit in layout.written.items() if of_file else ():
         if name.endswith("uncertainty") and unit is None:
             _check_unit(name, None, layout)
@@ -441,9 +439,7 @@ def _stated_restitution(rows: Rows, measured: Column) -> tuple[Column, tuple[str
         formula = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + " in air" * in_air
         _check(rows, stated, measured if rows.kind.what else np.sqrt(ratio), formula, ratio)
         if in_air:
-            by_vacuum, by_air = (
-                np.abs(stated - candidate) for candidate in (np.sqrt(ratio), measured)
-            )
+            by_vacuum, by_air = (np.abs(stated - eps) for eps in (np.sqrt(ratio), measured))
             if np.nanmedian(by_vacuum) < np.nanmedian(by_air):
                 remark = "restitution is √(rebound_height/drop_height): it is corrected for air too"
                 return measured, (remark,)

@@ -92,9 +92,7 @@ class Laws:
         names = tuple(sets[0][2])
         element, held, leaves, row, first = [], [], [], [], 0
         for k, (points, _, local) in enumerate(sets):
-            which, values = (
-                zip(*(local[name] for name in names), strict=True) if names else ((), ())
-            )
+            which, values = zip(*(local[n] for n in names), strict=True) if names else ((), ())
             own = [contacts[k].leaves()[name] for name in CONTACT_LEAVES] if takes else []
             count = points if any(np.ndim(value) for value in [*values, *own]) else 1
             for found, some in ((element, which), (held, values), (leaves, own)):
@@ -175,9 +173,7 @@ class Laws:
             }
             inputs |= dict(zip(self.names, local, strict=True))
             return [inputs[name] for name in self.shape.names], None
-        flat = {
-            name: _padded(np.ravel(values)) for name, values in zip(self.names, local, strict=True)
-        }
+        flat = {name: _padded(np.ravel(x)) for name, x in zip(self.names, local, strict=True)}
         tiled = {name: _padded(np.tile(leaf, fits)) for name, leaf in contact.items()}
         free = tuple(self.names[k] for k in self.free)
         values, slopes = _build(tiled or None, flat, self.model, self.area, free)
@@ -255,10 +251,7 @@ def expand(
     # all blocks have begun before the first is waited for
     pairs = zip(begun, filled, strict=True)
     parts = [[np.asarray(a)[..., :count] for a in block] for block, count in pairs]
-    return [
-        np.concatenate(every, -1) if len(parts) > 1 else every[0]
-        for every in zip(*parts, strict=True)
-    ]
+    return [np.concatenate(a, -1) if len(parts) > 1 else a[0] for a in zip(*parts, strict=True)]
 
 
 def _blocks(count: int, route: Route) -> Iterator[tuple[slice, int]]:

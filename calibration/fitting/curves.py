@@ -207,9 +207,8 @@ def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
     total = float(np.sum(weight * slope))
     if not total > 0 or np.max(np.abs(slope)) < LEAST_SLOPE:
         return None
-    return ModulusByTimes(
-        float(np.sum(weight * (np.log(one.value) - times(1.0)))) / total, total**-0.5
-    )
+    off = float(np.sum(weight * (np.log(one.value) - times(1.0)))) / total
+    return ModulusByTimes(off, total**-0.5)
 
 
 def yield_velocity(law: sj.ContactLaw) -> float | None:

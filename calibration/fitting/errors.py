@@ -49,12 +49,9 @@ from calibration.fitting.noise import LN_2PI, Normal, family_of, over
 from calibration.observables import Observed
 from calibration.options import FitOptions
 
-NODES = np.array(
-    [0.0, -2.8569700138728056, -1.3556261799742659, 1.3556261799742659, 2.8569700138728056]
-)
-SHARES = np.array(
-    [8 / 15, 0.011257411327720689, 0.2220759220056126, 0.2220759220056126, 0.011257411327720689]
-)
+ROOT = 10**0.5  # of Gauss and Hermite
+NODES = np.sqrt([0, 5 + ROOT, 5 - ROOT, 5 - ROOT, 5 + ROOT]) * [0, -1, -1, 1, 1]
+SHARES = np.array([32, 7 - 2 * ROOT, 7 + 2 * ROOT, 7 + 2 * ROOT, 7 - 2 * ROOT]) / 60
 STEP = 1e-4  # of a velocity: least distance of the nodes, so that differences are no rounding
 SLOWEST = 0.02  # of a velocity: no node lies below
 POWERS = (-1.5, 2.5)  # of v: errors of heights (-1), of velocities (0, 1), of times (2)

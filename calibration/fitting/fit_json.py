@@ -328,11 +328,9 @@ def _check(found: ResultFile) -> None:
     for place, values in (("covariance.names", names), ("fits.material", materials)):
         if len(set(values)) != len(values):
             raise DataError(place, values, "each name once")
-    requested = found.request.options.get("confidence")
-    if found.confidence != requested:
-        raise DataError(
-            "confidence", found.confidence, f"{requested}, as request.options.confidence"
-        )
+    level = found.request.options.get("confidence")
+    if found.confidence != level:
+        raise DataError("confidence", found.confidence, f"{level}, as request.options.confidence")
     lengths: list[tuple[str, Any, int]] = [
         ("request.parameters", found.request.parameters, len(found.fits)),
         ("covariance.matrix", found.covariance.matrix, count),

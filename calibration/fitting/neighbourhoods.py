@@ -28,9 +28,7 @@ def condensed(problem: Problem, z: Float[np.ndarray, "elements"] | None = None) 
     if problem.count < MANY or not normal or problem.elastic is not None:
         return problem
     points, laws = problem.points, problem.laws
-    block = np.repeat(
-        np.arange(len(problem.spans)), [span.stop - span.start for span in problem.spans]
-    )
+    block = np.repeat(np.arange(len(problem.spans)), [s.stop - s.start for s in problem.spans])
     order = np.lexsort((points.velocity, laws.row, block))
     kind = np.stack([block[order], laws.row[order]])
     new = np.append(True, np.any(np.diff(kind) != 0, axis=0))

@@ -292,9 +292,7 @@ class Problem:
         most = max(1, AT_ONCE // max(self.count * (5 if self.moves else 1), 1))
         rows = [slice(k, k + most) for k in range(0, max(len(z), 1), most)]
         parts = [self._linearised(z[some], lanes.some(some), slopes) for some in rows]
-        return Linear(
-            *(np.concatenate(a) if len(a) > 1 else a[0] for a in zip(*parts, strict=True))
-        )
+        return Linear(*(np.concatenate(a) if a[1:] else a[0] for a in zip(*parts, strict=True)))
 
     def residuals_at(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
         """Data at z from which the variances of each block are estimated."""
@@ -342,9 +340,7 @@ class Problem:
         """The problem of some of its points, a mask or places, which share no error with the others."""
         rows = np.flatnonzero(rows) if np.asarray(rows).dtype == bool else np.asarray(rows)
         points = Points(*(a[rows] for a in self.points))
-        rows_of_blocks = [
-            rows[(rows >= span.start) & (rows < span.stop)] - span.start for span in self.spans
-        ]
+        rows_of_blocks = [rows[(rows >= s.start) & (rows < s.stop)] - s.start for s in self.spans]
         left = [k for k, some in enumerate(rows_of_blocks) if len(some)] if self.errors else []
         return replace(
             self,
@@ -420,12 +416,7 @@ class Problem:
         variances = self.variances if lanes.variances is None else lanes.variances
         blocks = self.spans if self.errors else ()
         for errors, s, span in zip(self.errors, variances, blocks, strict=True):
-            slope, bend, n, r = (
-                curve.slope[:, span],
-                curve.bend[:, span],
-                copies[:, span],
-                off[:, span],
-            )
+            slope, bend, n, r = (a[:, span] for a in (curve.slope, curve.bend, copies, off))
             factor, family = errors.factor(s, slope, bend), errors.noise.at(s)
             both = np.concatenate([r[..., None], per.mean[:, span]], axis=2)
             both = errors.whiten(factor, both)
@@ -583,7 +574,5 @@ class Problem:
             per[:, members] = (np.eye(count) - 1 / count) / pool.spread
             off = z[:, members] - (0.0 if centre is None else centre[:, members])
             off = off - np.mean(off, axis=1, keepdims=True)
-            yield (
-                off / pool.spread,
-                np.broadcast_to(per[:, self.active], (fits, count, len(self.active))),
-            )
+            slopes = np.broadcast_to(per[:, self.active], (fits, count, len(self.active)))
+            yield off / pool.spread, slopes

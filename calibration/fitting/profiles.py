@@ -83,9 +83,7 @@ class _Walks:
     def __init__(self, task: ProfileTask):
         self.task, self.problem = task, task.problem
         problem, z = task.problem, task.z
-        walks = [
-            (k, sign) for k, limit in enumerate(task.limits) for sign in (-1, 1) if sign != limit
-        ]
+        walks = [(k, sign) for k, end in enumerate(task.limits) for sign in (-1, 1) if sign != end]
         which, self.signs = np.transpose(walks)
         self.columns, self.steps = task.columns[which], task.errors[which]
         self.quantile, from_end = task.quantiles[which], task.limits[which] != 0

@@ -364,9 +364,8 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
         first.errors, first.variances, first.residuals_at(fit.z[None]), first.spans, strict=True
     ):
         raw = np.where(fixed, 0.0, linear.per[0, span])
-        solved = errors.solve(
-            errors.factor(s, carried.slope, carried.bend), np.c_[measured[span], raw][None]
-        )
+        factor = errors.factor(s, carried.slope, carried.bend)
+        solved = errors.solve(factor, np.c_[measured[span], raw][None])
         blocks.append((errors, s, carried, span, solved[0]))
         pull += raw.T @ solved[0, :, 0]
     for g, (errors, s, carried, span, solved) in enumerate(blocks):

@@ -356,10 +356,8 @@ def _inside(value: Any, low: float, high: float) -> float:
 def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
     """The numbers of a whole parameter, each a parameter of its own."""
     if parameter.value is None:
-        refusal = DataError(
-            "value", "missing", "an array or a pytree of them, where a search starts"
-        )
-        raise placed(parameter, name, refusal)
+        error = DataError("value", "missing", "an array or a pytree of them, where a search starts")
+        raise placed(parameter, name, error)
     tree, numbers = Tree.of(name, parameter.value), numbers_in(parameter.value)
     of_entry = Parameter(free=parameter.free, shared=parameter.shared)
     pairs = zip(tree.entries, numbers, strict=True)
@@ -429,10 +427,8 @@ def _component(sets, specs, elements, route: Route) -> Component:
     if len({(spec.model.key, spec.objective) for spec in own_specs}) > 1:
         text = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in own_specs)
         raise DataError("parameters", f"shared between {text}", "shared within one law")
-    place = {g: k for k, g in enumerate(sets)}
-    free = [
-        replace(e, sets=tuple(place[g] for g in e.sets)) for e in elements if e.sets[0] in place
-    ]
+    at = {g: k for k, g in enumerate(sets)}
+    free = [replace(e, sets=tuple(at[g] for g in e.sets)) for e in elements if e.sets[0] in at]
     # drag was taken out of these with a coefficient that is not known exactly
     flights = tuple(
         k
@@ -582,8 +578,7 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
     degree = min(2, int(np.sum(is_measured)) // 4) if np.ptp(v[is_measured]) > LEAST_RANGE else 0
     curve = np.polyfit(v[is_measured], np.log(eps[is_measured]), degree)
     smooth, power = np.exp(np.polyval(curve, v)), np.polyval(np.polyder(curve), v)
-    cubic = np.where(
-        is_measured, (by_drag[:, 0] + eps * slower) / np.where(is_measured, eps, 1.0) ** 3, 0.0
-    )
+    cubed = np.where(is_measured, eps, 1.0) ** 3
+    cubic = np.where(is_measured, (by_drag[:, 0] + eps * slower) / cubed, 0.0)
     of_eps = cubic * smooth**3 - smooth * slower
     return np.where(np.isfinite(eps), np.clip(power, *POWERS) * smooth * slower - of_eps, 0.0)

@@ -327,7 +327,4 @@ def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
         text += CALLED.get(kind, kind)
         return f"{text}[{one.data.name}]" if names.count((name, kind)) > 1 else text
 
-    return tuple(
-        replace(one, labels={kind: label(one, kind) for kind in one.errors.unknown})
-        for one in found
-    )
+    return tuple(replace(e, labels={k: label(e, k) for k in e.errors.unknown}) for e in found)

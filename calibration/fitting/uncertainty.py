@@ -123,10 +123,8 @@ def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str])
 
     Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
     """
-    requested_labels = set(labels)
-    matching = (
-        one for one in freedoms if requested_labels & set(one.labels) or dataset in one.sets
-    )
+    requested = set(labels)
+    matching = (f for f in freedoms if requested & {*f.labels} or dataset in f.sets)
     return next(matching, freedoms[0])
 
 
@@ -329,9 +327,8 @@ def _changes(errors: Errors, s, residuals: Residuals, kinds: list[str], white):
 
     def information(step: np.ndarray) -> Matrix:
         at = {**s, **{kind: s[kind] * np.exp(h) for kind, h in zip(kinds, step, strict=True)}}
-        columns = errors.whiten(
-            errors.factor(at, residuals.slope, residuals.bend), residuals.jacobian
-        )[0]
+        factor = errors.factor(at, residuals.slope, residuals.bend)
+        columns = errors.whiten(factor, residuals.jacobian)[0]
         return columns.T @ columns
 
     return differences(information, len(kinds))[1:]

@@ -109,9 +109,7 @@ def relative_covariance(errors: Errors, s: Mapping[str, Any], residuals: Residua
     """Covariance of the logarithms of the variances, (fits, k, k), from the curvature of the criterion."""
     search = _Search(errors, residuals, True)
     curvature = 0.5 * search.expanded(search.place(s))[2]
-    inside = np.stack(
-        [np.broadcast_to(s[kind], len(residuals.off)) > 0 for kind in errors.unknown], 1
-    )
+    inside = np.stack([np.broadcast_to(s[k], len(residuals.off)) > 0 for k in errors.unknown], 1)
     both = inside[:, :, None] & inside[:, None]
     values, vectors = np.linalg.eigh(np.where(both, curvature, np.eye(len(errors.unknown))))
     # a variance that the data hardly determine: as if from one degree of freedom
@@ -186,9 +184,8 @@ class _Search:
     def place(self, s: Any, most: float = np.inf) -> np.ndarray:
         every = [np.broadcast_to(s[kind], len(self.square)) for kind in self.errors.unknown]
         logs = np.log(np.maximum(np.stack(every, axis=1) / self.unit, 1e-300))
-        return np.clip(
-            logs, self.lower, np.where(self.is_number, self.upper, np.minimum(self.upper, most))
-        )
+        upper = np.where(self.is_number, self.upper, np.minimum(self.upper, most))
+        return np.clip(logs, self.lower, upper)
 
     def starts(self) -> list[np.ndarray]:
         """Equal shares, and most in each of the variances."""
@@ -290,9 +287,7 @@ def renewed(problem: Problem, z: np.ndarray, restricted: bool = True) -> Problem
         found = variances_at(problem, z[None], None, restricted)
         single = [{kind: float(value[0]) for kind, value in one.items()} for one in found]
         problem = replace(problem, variances=tuple(single))
-    pools = [
-        pool._replace(spread=estimate_of_pool(problem, z, pool).spread) for pool in problem.pools
-    ]
+    pools = [p._replace(spread=estimate_of_pool(problem, z, p).spread) for p in problem.pools]
     return replace(problem, pools=tuple(pools)) if pools else problem
 
 

@@ -60,16 +60,16 @@ def of_component(
     fit: ComponentFit, by_element: dict[int, Estimate], curves: dict[str, Profile]
 ) -> list[FitWarning]:
     """Warnings about a component's parameters and searches."""
-    elements, found_warnings = fit.component.elements, []
+    elements, raised = fit.component.elements, []
     separation = _separation(fit, curves)
     together: dict[tuple[str, str | None], list[str]] = {}
     for k, element in enumerate(elements):
         if "[" in element.name:  # a number of a network is no parameter that anybody reads
             continue
         name, owner = element.name, _owner(fit, element.sets)
-        found_warnings += _at_an_end(name, by_element[k], owner)
+        raised += _at_an_end(name, by_element[k], owner)
         far = _off_prior(element, float(fit.theta[k]))
-        found_warnings += named("prior-conflict", [far], owner)
+        raised += named("prior-conflict", [far], owner)
         is_open = by_element[k].method == "undetermined" and by_element[k].value is not None
         if is_open and not by_element[k].at_bound and not _is_apart(separation, name, owner):
             together.setdefault(("rank-deficient", owner), []).append(name)
@@ -81,8 +81,8 @@ def of_component(
         if code == "rank-deficient":
             cause = f"{text} {verb} not show in these data, or only together with another"
         advice = WITH_PROFILES if code == "skewed" and fit.converged and not curves else ""
-        found_warnings.append(FitWarning(code, cause, owner, advice))  # type: ignore[arg-type]
-    found_warnings += _collinear(fit, separation)
+        raised.append(FitWarning(code, cause, owner, advice))  # type: ignore[arg-type]
+    raised += _collinear(fit, separation)
     for stage in fit.stages:
         name, reason = stage.report.stage, stage.report.reason
         crossed = f"{stage.crossings} points changed between elastic and plastic on the way"
@@ -94,14 +94,12 @@ def of_component(
         }
         for code, cause in causes.items():
             for data in stage.problem.datasets:
-                found_warnings += named(code, [cause], data.name)
+                raised += named(code, [cause], data.name)
         for k, rise in _other_minima(fit, stage, by_element).items():
             higher = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
             cause = f"another minimum for {elements[k].name} has a chi squared {higher}"
-            found_warnings.append(
-                FitWarning("several-minima", cause, _owner(fit, elements[k].sets))
-            )
-    return found_warnings + separation
+            raised.append(FitWarning("several-minima", cause, _owner(fit, elements[k].sets)))
+    return raised + separation
 
 
 def _at_an_end(name: str, estimate: Estimate, owner: str | None) -> Iterator[FitWarning]:
@@ -117,9 +115,7 @@ def _at_an_end(name: str, estimate: Estimate, owner: str | None) -> Iterator[Fit
 
 def _is_apart(separation: list[FitWarning], name: str, owner: str | None) -> bool:
     """Whether a warning of σ and ψ, which are not separate, is about it."""
-    owners = {
-        warning.material for warning in separation if warning.code == "sigma-psi-not-separate"
-    }
+    owners = {w.material for w in separation if w.code == "sigma-psi-not-separate"}
     return name in ("sigma", "psi") and owner in owners
 
 

@@ -80,10 +80,7 @@ def _paper_lines(fit: Any, entry: paper.TableEntry) -> list[Line]:
     softer = replace(contact, youngs_modulus=contact.youngs_modulus / factor)
     mass = contact.mass * (softer.critical_velocity / contact.critical_velocity) ** 2
     values = {"chi": entry.chi * factor, "sigma": entry.sigma, "psi": entry.psi}
-    moved = replace(
-        fit,
-        data=replace(fit.data, contact=replace(softer, mass=mass)),
-        values=fit.values | values,
-    )
+    data = replace(fit.data, contact=replace(softer, mass=mass))
+    moved = replace(fit, data=data, values=fit.values | values)
     label = r"Zhou, printed $\kappa$ and Table 1's $\tilde\chi$"
     return [_line_of(moved, label, style.VERMILION, (0, (6, 2))), *lines]

@@ -41,9 +41,7 @@ def profiles_figure(result: Any) -> Figure | None:
 
     None if no profile leaves its parameter's bound.
     """
-    profiles = {
-        label: profile for label, profile in result.profiles.items() if len(set(profile.values)) > 1
-    }
+    profiles = {k: p for k, p in result.profiles.items() if len(set(p.values)) > 1}
     if not profiles:
         return None
     figure, grid = style.panels(len(profiles), 2.8, "profiles")

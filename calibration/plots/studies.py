@@ -125,13 +125,8 @@ def plot_sobol(indices: Any, output: int = 0, ax: Axes | None = None) -> Axes:
     for shift, (name, label, color) in zip((-0.2, 0.2), kinds, strict=True):
         middle, low, high = (getattr(indices, name + end)[output] for end in ("", "_low", "_high"))
         reach = np.maximum([middle - low, high - middle], 0)
-        style_of_bars: dict[str, Any] = {
-            "color": color,
-            "width": 0.36,
-            "capsize": 2,
-            "ecolor": style.BLACK,
-        }
-        ax.bar(place + shift, middle, yerr=reach, label=label, **style_of_bars)
+        bars: dict[str, Any] = {"color": color, "width": 0.36, "capsize": 2, "ecolor": style.BLACK}
+        ax.bar(place + shift, middle, yerr=reach, label=label, **bars)
     # the body of "E wall" goes below its letter, to make room for many inputs
     ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in indices.symbols])
     ax.axhline(0, color=style.GREY, linewidth=0.6)

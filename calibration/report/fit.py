@@ -231,9 +231,7 @@ def _sentence(result: Any) -> str:
         for name, estimate in fit.parameters.items():
             symbol = symbols.symbol(name, fit.model)
             texts = estimate_text(estimate), interval_text(estimate)
-            value, ends = (
-                text if text == ABSENT else f"{text} {symbol.unit}".rstrip() for text in texts
-            )
+            value, ends = (t if t == ABSENT else f"{t} {symbol.unit}".rstrip() for t in texts)
             value += f" ({level}{ends})" if ABSENT not in (value, ends) else ""
             values += [f"{symbol.text} = {value}"] if estimate.free else []
         values += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
@@ -446,9 +444,7 @@ def _determined(summaries: Mapping[str, Any], names: Mapping[str, str]) -> list[
     }
     for name, summary in summaries.items():
         if name not in wide:
-            kinds["determine"].append(
-                f"{names[name]} = {with_error(summary.mean, summary.deviation)}"
-            )
+            kinds["determine"] += [f"{names[name]} = {with_error(summary.mean, summary.deviation)}"]
         else:
             share = f"{100 * wide[name]:.0f} % of its prior's width left"
             kind = "narrow" if wide[name] <= FOLLOWS else "do not determine"

@@ -102,10 +102,7 @@ def _lines(block: Block) -> list[str]:
     if kind == "table":
         return [table_text(value)]
     if kind in ("list", "warnings"):
-        texts = [
-            entry if isinstance(entry, str) else f"{entry[0]}{entry[1]} {entry[2]}"
-            for entry in value
-        ]
+        texts = [e if isinstance(e, str) else f"{e[0]}{e[1]} {e[2]}" for e in value]
         mark = "  ! " if kind == "warnings" else "  "
         lines = console.wrapped(map(printable, texts), mark, "    ")
         head = ["Warnings:" if lines else "No warnings."] if kind == "warnings" else []

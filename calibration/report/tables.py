@@ -198,9 +198,7 @@ def group_blocks(result: Any) -> list[Block]:
             owner = {"material": fit.name} if several else {}
             what = "ε" if name == RESTITUTION else f"{OBSERVABLES[name].symbol} [relative]"
             for label, (offset, error) in list(goodness.group_offsets.items())[:MOST_GROUPS]:
-                rows.append(
-                    owner | {"group": label, "of": what, "offset": with_error(offset, error)}
-                )
+                rows += [owner | {"group": label, "of": what, "offset": with_error(offset, error)}]
             if (more := len(goodness.group_offsets) - MOST_GROUPS) > 0:
                 rows.append(owner | {"group": f"{more} smaller ones in fit.json", "of": what})
     if not rows:

@@ -227,22 +227,18 @@ def compare(
     candidates, left_out = _chosen(laws, parameters), []
     if laws is None and data.contact is None:
         candidates = [candidate for candidate in candidates if candidate.key in WITHOUT_CONTACT]
-        left_out.append(
-            "without elastic properties no law of the contact of two bodies can be fitted"
-        )
+        left_out += ["without elastic properties no law of the contact of two bodies can be fitted"]
         if data.limit_velocity is None:
             candidates = [candidate for candidate in candidates if candidate.key != "eq-17"]
             left_out.append("without a limit velocity Eq. (17) cannot be fitted either")
     entries = []
     for candidate in watch(candidates, printable(data.name)):
-        applicable = {
+        acting = {
             n: v
             for n, v in options.items()
             if candidate.key in LAW_OPTIONS.get(n, (candidate.key,))
         }
-        refit = partial(
-            fit, data, candidate.law, candidate.stated, unloading_line=None, **applicable
-        )
+        refit = partial(fit, data, candidate.law, candidate.stated, unloading_line=None, **acting)
         try:
             result = refit(profiles=False)
             if any(estimate.skewed for estimate in result.estimates.values()):

@@ -149,9 +149,7 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
         warnings.simplefilter("ignore", RuntimeWarning)  # of a parameter that no set determines
         covered, error = np.nanmean(inside, axis=1), np.nanmean(errors**2, axis=1) ** 0.5
         spread, bias = np.nanstd(known, axis=1), np.nanmean(known - true, axis=1) / error
-    x, errors, low, high = (
-        dict(zip(truth, column, strict=True)) for column in (x, errors, low, high)
-    )
+    x, errors, low, high = (dict(zip(truth, a, strict=True)) for a in (x, errors, low, high))
     statistics = covered, np.mean(is_open, axis=1), spread, error, error / spread, bias
     shares = (dict(zip(truth, column.tolist(), strict=True)) for column in statistics)
     return Coverage(case.name, truth, x, errors, low, high, converged / sets, *shares)

@@ -434,9 +434,7 @@ def _sentence(symbols: Sequence[str], direction: np.ndarray, error: float, facto
     exponents, decimals = np.where(np.abs(direction) > TAKES_PART, direction, 0.0).round(2), 2
     if error < UNDETERMINED:
         tries = [(exponents, 2), *((direction.round(k), k) for k in range(2, 9))]
-        enough = (
-            attempt for attempt in tries if np.linalg.norm(factor @ attempt[0]) < ROUNDED * error
-        )
+        enough = (t for t in tries if np.linalg.norm(factor @ t[0]) < ROUNDED * error)
         exponents, decimals = next(enough, tries[-1])
     powers = {s: float(x) for s, x in zip(symbols, exponents, strict=True) if x}
     product = " · ".join(s if x == 1 else f"{s}^{x:.{decimals}f}" for s, x in powers.items())

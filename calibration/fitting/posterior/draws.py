@@ -334,11 +334,9 @@ def band_of_draws(
             curves = curve_problem(material, velocity).linearise(values, slopes=False).prediction
         if kind == "prediction":
             random, variance = np.random.default_rng(0), 0.0
-            for name, variance_of_kind in material.variances.items():
+            for name, part in material.variances.items():
                 known = name not in ("scatter", "group")
-                variance = variance + (
-                    variance_of_kind if known else drawn(name, variance_of_kind**0.5) ** 2
-                )
+                variance = variance + (part if known else drawn(name, part**0.5) ** 2)
             numbers = {name: drawn(name, value) for name, value in vars(material.family).items()}
             normal = random.standard_normal(curves.shape)
             noise = replace(material.family, **numbers).drawn(normal, random)
