@@ -362,9 +362,7 @@ def read_problem(
 class _Reader:
     """One `[[material]]` on its way in."""
 
-    def __init__(
-        self, file: TomlFile[MaterialTables], i: int, name: str, plausibility: bool, air: Any
-    ):
+    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str, plausibility: bool, air):
         self.file, self.table, self.name = file, file.content.material[i], name
         stated_air = (air, self.table.air, file.content.fit.air)
         self.air = next((stated for stated in stated_air if stated is not None), None)

@@ -271,15 +271,7 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
     return np.concatenate([values, np.repeat(values[-1:], missing, 0)]) if missing else values
 
 
-def _block(
-    leaves,
-    velocity,
-    elastic,
-    shape: LawShape,
-    moving: tuple[int, ...],
-    route: Route,
-    observable: str,
-):
+def _block(leaves, velocity, elastic, shape: LawShape, moving, route: Route, observable: str):
     """Values, slopes and statuses of one block, by one forward pass."""
     each = [k for k in range(len(leaves)) if not shape.whole[k] or k in moving]
 

@@ -100,12 +100,7 @@ class Errors:
     labels: Int[np.ndarray, "n"] | None = None
 
     @classmethod
-    def of(
-        cls,
-        data: RestitutionData,
-        options: FitOptions = PLAIN,
-        observed: Observed | None = None,
-    ) -> "Errors":
+    def of(cls, data: RestitutionData, options=PLAIN, observed: Observed | None = None) -> "Errors":
         """The errors that the data state of ε, or of what else was observed, and those that options add."""
         rows = np.flatnonzero(np.isfinite(data.restitution)) if observed is None else observed.rows
         points, degrees = data.errors, data.degrees

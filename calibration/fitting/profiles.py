@@ -379,9 +379,7 @@ def estimates(
     return found
 
 
-def _is_skewed_by(
-    fit: ComponentFit, k: int, one: Estimate, confidence: float, bends
-) -> bool | None:
+def _is_skewed_by(fit: ComponentFit, k: int, one: Estimate, confidence: float, bends):
     """Judged by the third derivative: where ends of the profile would lie, to first order in it."""
     if bends is None:
         return None

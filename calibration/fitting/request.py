@@ -503,9 +503,7 @@ def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> La
     return Laws.of(model, sets)
 
 
-def _problem(
-    component: Component, rows: Laws, active: list[int], route: Route, more: Sequence[int] = ()
-) -> Problem:
+def _problem(component: Component, rows: Laws, active: list[int], route: Route, more=()) -> Problem:
     elements, specs = component.elements, component.specs
     transform = transform_of(elements)
     data = tuple(spec.data for spec in specs)

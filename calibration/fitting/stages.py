@@ -305,9 +305,7 @@ def _of_all(problem: Problem, end: Found, options: FitOptions) -> Found:
     return end._replace(evaluations=evaluations + end.evaluations)
 
 
-def _from_more_starts(
-    problem: Problem, z, ends: list[Found], options: FitOptions
-) -> tuple[list[Found], bool]:
+def _from_more_starts(problem: Problem, z, ends: list[Found], options: FitOptions):
     """Search from more starts while the best one misses the points; return the best and other minima.
 
     Also whether the best still misses them, and one search alone has found it.

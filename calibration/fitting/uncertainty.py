@@ -306,9 +306,7 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
     return freedom, root @ added @ root.T
 
 
-def _estimates(
-    errors: Errors, s, residuals: Residuals, left: float
-) -> tuple[list[str], np.ndarray]:
+def _estimates(errors: Errors, s, residuals: Residuals, left: float):
     """Estimated variances of a block, and the covariance R of their logarithms."""
     if not errors.unknown:
         if errors.degrees is None:

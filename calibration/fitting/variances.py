@@ -274,9 +274,8 @@ def variances_at(
     """s of each data set and fit, from the residuals at z."""
     before = problem.variances if lanes is None or lanes.variances is None else lanes.variances
     found = []
-    for errors, s, residuals in zip(
-        problem.errors, before, problem.residuals_at(z, lanes), strict=True
-    ):
+    every = zip(problem.errors, before, problem.residuals_at(z, lanes), strict=True)
+    for errors, s, residuals in every:
         found.append(estimated(errors, residuals, restricted, s) if errors.unknown else {})
     return tuple(found)
 

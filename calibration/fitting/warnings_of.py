@@ -56,9 +56,7 @@ def _has_whole(fit: ComponentFit) -> bool:
     return any(spec.model.trees for spec in fit.component.specs)
 
 
-def of_component(
-    fit: ComponentFit, by_element: dict[int, Estimate], curves: dict[str, Profile]
-) -> list[FitWarning]:
+def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dict[str, Profile]):
     """Warnings about a component's parameters and searches."""
     elements, raised = fit.component.elements, []
     separation = _separation(fit, curves)
@@ -190,9 +188,7 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarnin
     return raised
 
 
-def _other_minima(
-    fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]
-) -> dict[int, float]:
+def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]):
     """Elements with a value outside their interval at a minimum nearly as good, and how much higher χ² is there."""
     problem, rises = stage.problem, {}
 
@@ -230,9 +226,7 @@ def _other_minima(
     return rises
 
 
-def of_set(
-    fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, Errors]
-) -> list[FitWarning]:
+def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, Errors]):
     """Warnings about one data set's points.
 
     Args:
@@ -308,9 +302,7 @@ def _offsets(fit: ComponentFit, part: MaterialFit, residual) -> Iterator[str | N
         yield warnings.off_as_a_whole(np.array(standard), float(np.mean(residual)))
 
 
-def _of_observable(
-    part: MaterialFit, observable: str, goodness: Goodness, errors: Errors
-) -> Iterator[FitWarning]:
+def _of_observable(part: MaterialFit, observable: str, goodness: Goodness, errors: Errors):
     """Whether the curve misses what else than ε was measured."""
     words, reduced = OBSERVABLES[observable].words, goodness.reduced_chi_squared
     misses = warnings.misfit(reduced, goodness.residual_degrees) if errors.is_stated else None

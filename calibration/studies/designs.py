@@ -392,7 +392,7 @@ def _grid(plans: Sequence[Plan], low: float, high: float) -> Column:
 
 def _sought(
     plans: Sequence[Plan], rule: Criterion, grid: Column, even: Column, starts, seed, progress
-) -> Column:
+):
     """The best shots from all starts: equally spaced ones, and a few velocities drawn at random."""
     random, table, ends = np.random.default_rng(seed), _table(plans, grid), []
     few = min(len(even), len(plans[0].names) + 1)

@@ -315,9 +315,7 @@ def sobol_indices(
 
 
 @eqx.filter_jit
-def _sampled(
-    fixed: Any, build: Any, velocity: Any, route: Any, names: tuple[str, ...], points: Any
-):
+def _sampled(fixed: Any, build: Any, velocity: Any, route: Any, names: tuple[str, ...], points):
     """ε at each sample, (n, q); NaN where there is no answer."""
 
     def restitution_at(x):

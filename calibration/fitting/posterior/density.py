@@ -297,9 +297,7 @@ def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
     return Prior(label, f"half-normal, {number(size, 1)}{unit}", False, 0.0, size)
 
 
-def _lowest(
-    slope: Slope, q: Vector, places: Any, scale: Vector
-) -> tuple[Vector, Float[np.ndarray, "k k"]]:
+def _lowest(slope: Slope, q: Vector, places: Any, scale: Vector):
     """Minimum of -ln p along some unknowns by Newton's method, and the precision there.
 
     Second derivatives are differences of the gradient.
