@@ -96,14 +96,8 @@ def _walk(model: type[BaseModel], place: Iterable[Any]) -> tuple[str, Mapping[st
     root = schema_of(model)
     name, schema = "", cast(Mapping[str, Any], root)
     for part in place:
-        inner = next(
-            (
-                s
-                for part_schema in _parts(schema)
-                if (s := _inner(_resolved(part_schema, root), part))
-            ),
-            None,
-        )
+        below = (_inner(_resolved(one, root), part) for one in _parts(schema))
+        inner = next(filter(None, below), None)
         if inner is None and part not in _resolved(schema, root).get("properties", {part: 0}):
             name = f"{name}.{part}"  # an unknown key
         if inner is not None:

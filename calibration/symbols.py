@@ -94,12 +94,7 @@ def written(text: str, models: Iterable[Any] = ()) -> str:
 
     Other names are replaced where an underscore sets them apart from words.
     """
-    letters = LETTERS | {
-        name: symbol(name, model).text
-        for model in models
-        for name in model.parameters
-        if "_" in name
-    }
+    letters = LETTERS | {n: symbol(n, m).text for m in models for n in m.parameters if "_" in n}
     names = "|".join(map(re.escape, letters))
     return re.sub(rf"(?<![\w`-])({names})(?![\w`-])", lambda name: letters[name[0]], text)
 

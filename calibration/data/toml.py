@@ -96,12 +96,8 @@ def _fault(
         problem = f"unknown key {shown(repr(place[-1]))}"
         accepted = near or f"known here are {listed(known[:MOST])}{more}"
     else:
-        fault = fault_of(reported, model)
-        value = (
-            fault.value
-            if not isinstance(reported["input"], bool)
-            else str(reported["input"]).lower()
-        )
+        fault, given = fault_of(reported, model), reported["input"]
+        value = str(given).lower() if isinstance(given, bool) else fault.value
         problem, accepted = f"{place[-1]} is {value}", f"it must be {fault.accepted}"
     return InputError(path, line_of(lines, place) or 1, problem, accepted)
 

@@ -31,13 +31,7 @@ NAMED = {
     "": "",
 }
 ANY_CASE = ("m/s", "m", "s")
-PREFIXES = {
-    "G": Fraction(10**9),
-    "M": Fraction(10**6),
-    "k": Fraction(1000),
-    "c": PERCENT,
-    "m": Fraction(1, 1000),
-}
+POWERS = {"G": 9, "M": 6, "k": 3, "c": -2, "m": -3}  # of ten, that prefixes stand for
 SIGNS = str.maketrans(
     {"⁻": "-", "−": "-", "¹": "1", "²": "2", "³": "3", "µ": "u", "μ": "u", "_": "/"}
     | dict.fromkeys("⋅·*,", " ")
@@ -114,8 +108,10 @@ def _find(text: str, si: str) -> Fraction | None:
 def _size(name: str, si: str) -> Fraction | None:
     if not UNIT.fullmatch(name) or re.search(r"\d\d", name):
         return None
-    if name.endswith(si) and si[0] != "k" and (prefix := name.removesuffix(si)) in PREFIXES:
-        return PREFIXES[prefix]  # without pint, which takes a twentieth of a short fit
+    if name.endswith(si) and si[0] != "k" and (prefix := name.removesuffix(si)) in POWERS:
+        return (
+            Fraction(10) ** POWERS[prefix]
+        )  # without pint, which takes a twentieth of a short fit
     registry = _registry()
     try:
         stated, target = (registry.parse_units(POWER.sub(r"**\1", unit)) for unit in (name, si))

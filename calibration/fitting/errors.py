@@ -394,11 +394,8 @@ class Errors:
         points, sizes = self.points, self.points.sizes_at(1.0)
         to_eps, to_v = points.to_restitution * sizes, points.to_velocity * sizes
         alone = 0.0 if points.restitution_alone is None else points.restitution_alone**2
-        return (
-            np.sum(to_eps**2, axis=1) + alone,
-            np.sum(to_v**2, axis=1) + self._velocity_alone**2,
-            np.sum(to_eps * to_v, axis=1),
-        )
+        of_velocity = np.sum(to_v**2, axis=1) + self._velocity_alone**2
+        return np.sum(to_eps**2, axis=1) + alone, of_velocity, np.sum(to_eps * to_v, axis=1)
 
     @cached_property
     def _of_velocity(self) -> np.ndarray:

@@ -161,14 +161,10 @@ class Lbfgs:
         place = np.einsum("fij,fj->fi", self.inverse, z)
         fits, p = z.shape
         sizes = _sized(fits, p)
-        padded = [
-            np.zeros(sizes),
-            np.zeros(sizes),
-            np.zeros(sizes[0], bool),
-            np.zeros(sizes[0], bool),
-        ]
-        for array, values in zip(padded, (white, place, need, renewed), strict=True):
-            array[tuple(map(slice, values.shape))] = values
+        padded = []
+        for values in (white, place, need, renewed):
+            padded.append(np.zeros(sizes[: values.ndim], values.dtype))
+            padded[-1][tuple(map(slice, values.shape))] = values
         update, self.memory = _lbfgs_tools()[1](self.memory, *padded)
         direction = -np.einsum("fij,fj->fi", self.basis, np.asarray(update)[:fits, :p])
         uphill = np.einsum("fi,fi->f", direction, at.gradient) >= 0

@@ -261,14 +261,9 @@ def _profile(state: _Walks, column: int, limit: int, crossing) -> Profile:
     if limit:
         bound = float(transform.bound_beyond(np.array([limit]))[0])
         ends[limit] = bound if np.isfinite(bound) else None
-    return Profile(
-        state.problem.elements[position].label,
-        tuple(physical(at) for at, _ in way),
-        tuple(rise**2 for _, rise in way),
-        ends[-1],
-        ends[1],
-        float(state.quantile[first]) ** 2,
-    )
+    values, rises = tuple(physical(at) for at, _ in way), tuple(rise**2 for _, rise in way)
+    label, threshold = state.problem.elements[position].label, float(state.quantile[first]) ** 2
+    return Profile(label, values, rises, ends[-1], ends[1], threshold)
 
 
 LEAST_ERROR = 1e-12  # of data without noise: the interval is a point

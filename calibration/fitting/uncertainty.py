@@ -258,13 +258,8 @@ def _decomposed(jacobian: Float[np.ndarray, "m p"], fixed=False):
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = float(largest / np.min(singular[counted])) if np.any(counted) else 1.0
     nulls = ~fixed & (none | (share > NULL_SHARE))
-    return (
-        directions.T * per / size[:, None],
-        is_seen,
-        int(np.sum(counted & is_seen)),
-        condition,
-        nulls,
-    )
+    rank = int(np.sum(counted & is_seen))
+    return directions.T * per / size[:, None], is_seen, rank, condition, nulls
 
 
 def _left(problem: Problem, leverage) -> Float[np.ndarray, "blocks"]:
@@ -278,12 +273,8 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
     parts, sets, names, blocks = [], [], [], []
     added = np.zeros(root.shape)
     unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
-    every = zip(
-        problem.errors,
-        problem.variances,
-        problem.residuals_at(z[None]) if unknown else (),
-        strict=False,
-    )
+    residuals_of = problem.residuals_at(z[None]) if unknown else ()
+    every = zip(problem.errors, problem.variances, residuals_of, strict=False)
     for g, (errors, s, residuals) in enumerate(every):
         kinds, relative = _estimates(errors, s, residuals, left[g])
         if not kinds:

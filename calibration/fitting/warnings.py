@@ -29,6 +29,7 @@ LINE_ROUNDS = 50  # of a straight line and the weights of its points in turn
 FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
 OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
 OTHER_LAWS = "`softjax compare` tries other laws"
+MORE = "Sample longer: more `draws`, and as many of `warmup`."
 ADVICE = {
     "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
     "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
@@ -82,6 +83,19 @@ ADVICE = {
         "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
     ),
     "data": "Check the data.",
+    # of draws
+    "r-hat": f"{MORE} Where it stays, there are several modes: give bounds or a prior that decide.",
+    "effective-size": f"{MORE} Limits of intervals are rough until then.",
+    "divergences": (
+        "A corner is too sharp for the steps and draws miss part of it: give a prior to what the "
+        "data do not determine, or fit fewer parameters."
+    ),
+    "funnel": (
+        "Energies are badly explored, as where a spread may be 0: give the spread or the noise a "
+        "prior, or measure more data sets."
+    ),
+    "mass-at-bound": "Widen the bound if it was given; else the data do not keep it off: say so.",
+    "follows-prior": "The data do not determine it: measure where it acts, or state a prior you stand by.",
 }
 Column = Float[np.ndarray, "n"]
 

@@ -19,21 +19,6 @@ ENERGY = 0.3  # Bayesian fraction of missing information below which energies ar
 NEAR = 0.01  # of the range, or of the median's distance: that near to a bound
 MASS = 0.05  # of the draws
 FOLLOWS = 0.7  # of the prior's standard deviation, from which on the posterior follows it
-MORE = "Sample longer: more `draws`, and as many of `warmup`."
-ADVICE = {
-    "r-hat": f"{MORE} Where it stays, there are several modes: give bounds or a prior that decide.",
-    "effective-size": f"{MORE} Limits of intervals are rough until then.",
-    "divergences": (
-        "A corner is too sharp for the steps and draws miss part of it: give a prior to what the "
-        "data do not determine, or fit fewer parameters."
-    ),
-    "funnel": (
-        "Energies are badly explored, as where a spread may be 0: give the spread or the noise a "
-        "prior, or measure more data sets."
-    ),
-    "mass-at-bound": "Widen the bound if it was given; else the data do not keep it off: say so.",
-    "follows-prior": "The data do not determine it: measure where it acts, or state a prior you stand by.",
-}
 
 
 class Summary(NamedTuple):
@@ -109,7 +94,7 @@ def warnings_of(data: Any) -> list[FitWarning]:
         "follows-prior": (follow, f"as wide as the prior, or nearly: {', '.join(follow)}"),
     }
     every = causes.items()
-    return [FitWarning(code, cause, advice=ADVICE[code]) for code, (is_so, cause) in every if is_so]
+    return [FitWarning(code, cause) for code, (is_so, cause) in every if is_so]  # type: ignore[arg-type]
 
 
 def _at_bounds(posterior: Any) -> list[str]:
