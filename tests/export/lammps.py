@@ -49,51 +49,40 @@ def rebounds(scripts, folder: Path) -> np.ndarray:
     return np.concatenate(lammps(chain.from_iterable(scripts), folder))
 
 
-def impact(velocity: float, settings, steps: int, at=0.0, density=DENSITY) -> list[str]:
+def impact(velocity: float, settings, steps: int, at=0.0) -> list[str]:
     """Two equal spheres head-on, whose ε is printed; `settings` tell force and time step.
 
     At 0 they meet in the middle of a box without boundaries, at 1 across those of a periodic one.
     """
-    gap = RADIUS * (1 + 1e-9)
+    gap, half = RADIUS * (1 + 1e-9), float(velocity) / 2
     left, right = at - gap, at + gap - (2 if at else 0)
-    return [
-        "clear",
-        *SPHERES,
-        f"boundary {'p p p' if at else 'f f f'}",
-        "newton off",
-        "region box block -1 1 -1 1 -1 1",
-        "create_box 1 box",
-        f"create_atoms 1 single {left!r} 0 0",
-        f"create_atoms 1 single {right!r} 0 0",
-        f"set group all diameter {2 * RADIUS} density {float(density)}",
-        f"set atom 1 vx {float(velocity) / 2}",
-        f"set atom 2 vx {-float(velocity) / 2}",
-        *settings,
-        *MOVES,
-        "neighbor 1e-3 bin",
-        f"run {steps}",
-        f"variable e equal (vx[2]-vx[1])/{float(velocity)}",
-        'print "RESULT $(v_e:%.15g)"',
-    ]
+    atoms = {f"{left!r} 0 0": f"vx {half}", f"{right!r} 0 0": f"vx {-half}"}
+    return scene(atoms, "p p p" if at else "f f f", settings, steps, f"(vx[2]-vx[1])/{2 * half}")
 
 
 def onto_a_wall(velocity: float, settings, steps: int) -> list[str]:
     """A sphere falls on a wall at z = 0 without gravity."""
+    atoms = {f"0 0 {RADIUS * (1 + 1e-9)!r}": f"vz {-float(velocity)}"}
+    return scene(atoms, "f f f", settings, steps, f"vz[1]/{float(velocity)}")
+
+
+def scene(atoms: dict[str, str], boundary: str, settings, steps: int, rebound: str) -> list[str]:
+    """Spheres by place and velocity, and what is printed after so many steps."""
     return [
         "clear",
         *SPHERES,
-        "boundary f f f",
+        f"boundary {boundary}",
         "newton off",
         "region box block -1 1 -1 1 -1 1",
         "create_box 1 box",
-        f"create_atoms 1 single 0 0 {RADIUS * (1 + 1e-9)!r}",
+        *(f"create_atoms 1 single {place}" for place in atoms),
         f"set group all diameter {2 * RADIUS} density {DENSITY}",
-        f"set atom 1 vz {-float(velocity)}",
+        *(f"set atom {k} {velocity}" for k, velocity in enumerate(atoms.values(), 1)),
         *settings,
         *MOVES,
         "neighbor 1e-3 bin",
         f"run {steps}",
-        f"variable e equal vz[1]/{float(velocity)}",
+        f"variable e equal {rebound}",
         'print "RESULT $(v_e:%.15g)"',
     ]
 

@@ -22,9 +22,8 @@ def drawn() -> Iterator[dict[str, Figure]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", save)
-        patch.setattr(
-            Figure, "get_layout_engine", lambda figure: None
-        )  # laid out where a test asks
+        # laid out where a test asks
+        patch.setattr(Figure, "get_layout_engine", lambda figure: None)
         yield figures
 
 

@@ -92,9 +92,8 @@ def test_each_law_has_its_curve_in_the_picture(compared):
     labels = [e["label"] for e in ranking(compared)]
     assert sorted(one.get_label() for one in named) == sorted(labels)
     assert legend(figure) == ["data", *labels]
-    widths = [
-        one.get_linewidth() for one in named
-    ]  # a curve on top of an equal one leaves its edges
+    # a curve on top of an equal one leaves its edges
+    widths = [one.get_linewidth() for one in named]
     assert np.all(-np.diff(widths) >= 0.2)
     v, e = line(upper, "Walton–Braun")
     np.testing.assert_allclose(v[[0, -1]], VELOCITY[[0, -1]])
