@@ -18,27 +18,30 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export.lammps import ENVIRONMENT, NEEDED, build, needs_lammps
+from tests.export.lammps import build, needs_lammps, rebounds, scene
 from tests.export.laws import DENSITY, RANGE, STEEL
 
 PHASES = (np.arange(8) + 0.5) / 8
 WALL = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
-SCRIPT = """
-atom_style {style}
+LIGGGHTS = """
+atom_style granular
 atom_modify map array
 boundary f f f
 newton off
-{before}
+communicate single vel yes
+hard_particles yes
 units si
 region box block -0.2 0.2 -0.1 {width} -0.2 0.2 units box
 create_box 1 box
 neighbor 0.001 bin
 neigh_modify delay 0
-{settings}
+include in.softjax
 {atoms}
+set group all diameter {diameter} density {density}
+{motions}
 fix move all nve/sphere
 dump last all custom {steps} out.* id vx vz
-dump_modify last sort id format {format}
+dump_modify last sort id format "%d %.16g %.16g"
 run {steps}
 """
 YADE = """
@@ -68,63 +71,55 @@ print("RESULT", json.dumps([b.state.vel[0] for b in O.bodies if isinstance(b.sha
 """
 
 
-def in_script(code, folder, impacts, wall, steps) -> np.ndarray:
-    """Velocities [m/s] of all balls after a run of LAMMPS or LIGGGHTS, in the order of their IDs."""
+def in_lammps(folder, impacts, wall, steps) -> np.ndarray:
+    """ε of each impact; so of the other codes."""
+    scripts = []
+    for v, gap in impacts:
+        atoms = {f"{s * (RADIUS + gap / 2)!r} 0 0": f"vx {-s * v / 2!r}" for s in (-1, 1)}
+        if wall:
+            atoms = {f"0 0 {RADIUS + gap!r}": f"vz {-v!r}"}
+        rebound = f"{'vz[1]' if wall else '(vx[2]-vx[1])'}/{v!r}"
+        scripts.append(scene(atoms, "f f f", ["include in.softjax"], steps, rebound))
+    return rebounds(scripts, folder)
+
+
+def in_liggghts(folder, impacts, wall, steps) -> np.ndarray:
     atoms, motions = [], []
     for k, (v, gap) in enumerate(impacts):
-        places = [f"0 {k * 4 * RADIUS} {RADIUS + gap!r}"]
-        if not wall:
-            places = [f"{s * (RADIUS + gap / 2)!r} {k * 4 * RADIUS} 0" for s in (-1, 1)]
+        places = [f"{s * (RADIUS + gap / 2)!r} {k * 4 * RADIUS} 0" for s in (-1, 1)]
+        speeds = [(v / 2, 0), (-v / 2, 0)]
+        if wall:
+            places, speeds = [f"0 {k * 4 * RADIUS} {RADIUS + gap!r}"], [(0, -v)]
         atoms += [f"create_atoms 1 single {place} units box" for place in places]
-        speeds = [(0, -v)] if wall else [(v / 2, 0), (-v / 2, 0)]
         for vx, vz in speeds:
-            one = len(motions) // 2 + 1
-            motions += [f"group one id {one}", f"velocity one set {vx!r} 0 {vz!r} units box"]
-            motions[-1] += "\ngroup one delete"
-    liggghts = code == "liggghts"
-    text = SCRIPT.format(
-        style="granular" if liggghts else "sphere",
-        before="communicate single vel yes\nhard_particles yes" if liggghts else "",
-        settings="" if liggghts else "include in.softjax",
-        atoms="\n".join(
-            [
-                *(["include in.softjax"] if liggghts else []),
-                *atoms,
-                f"set group all diameter {2 * RADIUS} density {DENSITY}",
-                *motions,
-            ]
-        ),
+            motions += [f"group one id {len(motions) // 3 + 1}"]
+            motions += [f"velocity one set {vx!r} 0 {vz!r} units box", "group one delete"]
+    text = LIGGGHTS.format(
+        atoms="\n".join(atoms),
+        motions="\n".join(motions),
+        diameter=2 * RADIUS,
+        density=DENSITY,
         width=len(impacts) * 4 * RADIUS,
         steps=steps,
-        format='"%d %.16g %.16g"' if liggghts else 'line "%d %.16g %.16g"',
     )
-    if not liggghts:  # units stand first there
-        text = "units si\n" + text.replace("units si\nregion", "region")
     (folder / "in.matrix").write_text(text, encoding="utf-8")
-    command = ["liggghts"] if liggghts else [NEEDED[2]]
-    environment = dict(os.environ) if liggghts else ENVIRONMENT
-    environment = {
-        k: v for k, v in environment.items() if not (liggghts and k == "LD_LIBRARY_PATH")
-    }
-    command += ["-in", "in.matrix", "-log", "none"]
+    environment = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
+    command = ["liggghts", "-in", "in.matrix", "-log", "none"]
     ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True)
     assert ended.returncode == 0, (ended.stdout + ended.stderr)[-1500:]
     _, vx, vz = np.loadtxt(folder / f"out.{steps}", skiprows=9).T
-    return vz if wall else vx
+    return restitution(vz if wall else vx, impacts, wall)
+
+
+def restitution(velocity, impacts, wall) -> np.ndarray:
+    """ε from the velocities of all balls after it, in the order of their IDs."""
+    return (velocity if wall else velocity[1::2] - velocity[::2]) / np.array(impacts)[:, 0]
 
 
 def in_yade(folder, impacts, wall, steps) -> np.ndarray:
-    return yade(
-        folder,
-        YADE.format(
-            density=DENSITY,
-            impacts=impacts,
-            radius=RADIUS,
-            wall=wall,
-            width=4 * RADIUS,
-            steps=steps,
-        ),
-    )
+    scene = {"impacts": impacts, "wall": wall, "steps": steps}
+    found = yade(folder, YADE.format(density=DENSITY, radius=RADIUS, width=4 * RADIUS, **scene))
+    return restitution(-found if wall else found, impacts, wall)
 
 
 def yade(folder, text: str) -> np.ndarray:
@@ -137,6 +132,7 @@ def yade(folder, text: str) -> np.ndarray:
     return np.array(json.loads(lines[0].removeprefix("RESULT")))
 
 
+RUN = {"lammps": in_lammps, "liggghts": in_liggghts, "yade": in_yade}
 LAWS = {
     "lammps": ("linear", "hertz-dashpot", "viscoelastic", "walton-braun", "exact"),
     "liggghts": ("linear", "hertz-dashpot", "walton-braun"),
@@ -171,14 +167,10 @@ def test_what_is_written_keeps_its_promise(code, law, wall, tmp_path):
     cases = list(product(made.target.velocity[some].tolist(), PHASES.tolist()))
     impacts = [(v, phase * v * made.time_step) for v, phase in cases]
     steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
-    run = in_yade if code == "yade" else lambda *args: in_script(code, *args)
-    found = run(tmp_path, impacts, wall, steps)
-    velocity = np.array(cases)[:, 0]
-    rebound = (-found if code == "yade" else found) if wall else found[1::2] - found[::2]
-    restitution = (rebound / velocity).reshape(-1, len(PHASES))
+    found = RUN[code](tmp_path, impacts, wall, steps).reshape(-1, len(PHASES))
     given, wanted = made.choice.impacts.coefficient[some], made.target.restitution[some]
-    assert np.max(np.abs(restitution - given[:, None])) <= made.choice.steps.error + 1e-4
-    assert np.max(np.abs(restitution - wanted[:, None])) <= made.choice.total + 1e-4 <= 0.0801
+    assert np.max(np.abs(found - given[:, None])) <= made.choice.steps.error + 1e-4
+    assert np.max(np.abs(found - wanted[:, None])) <= made.choice.total + 1e-4 <= 0.0801
 
 
 AFTER = """
