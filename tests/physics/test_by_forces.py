@@ -40,16 +40,17 @@ def _solved(fields, velocity, remains, route):
     def total(fields, velocity):
         result = sj.restitution(Forces(STEEL, *fields), velocity, route)
         other = jnp.where(remains, result.residual_overlap / LENGTH, result.coefficient)
-        return other.sum(), (result, result.duration)
+        return other.sum(), result
 
     if isinstance(route, sj.ODE):
-        return total(fields, velocity)[1], None
-    (_, both), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(fields, velocity)
-    return both, slopes
+        result = total(fields, velocity)[1]
+        return (result, result.duration), None
+    (_, result), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(fields, velocity)
+    return (result, None), slopes
 
 
 def solved(fields: Columns, velocity, route="energy", remains=False):
-    """The result of a batch, durations, and slopes of ε, or of δ*/LENGTH, by the energy balance."""
+    """The result, durations by the ODE, and slopes of ε, or of δ*/LENGTH, by the energy balance."""
     size, count = SIZES[route], len(velocity)
     some = tuple(jnp.asarray(np.resize(x, size)) for x in (*fields, velocity))
     found = _solved(some[:-1], some[-1], remains, ROUTES[route])
@@ -70,7 +71,7 @@ def off(result, exact):
 
 @over_routes
 def test_collisions_solved_by_hand(route):
-    """ε², both overlaps, durations, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
+    """ε², both overlaps, durations by the ODE, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
     velocity = np.array([row.velocity for row in HAND])
     hit, lasts, _ = solved(columns([row.law for row in HAND]), velocity, route)
     squared, peak, residual, told, tolerance, time = (
@@ -86,9 +87,10 @@ def test_collisions_solved_by_hand(route):
         "squared": np.abs(hit.coefficient**2 - squared) > tolerance * np.maximum(squared, 1e-15),
         "peak": np.abs(hit.peak_overlap / LENGTH - peak) > 1e-9 * peak,
         "residual": over > np.maximum(1e-9, tolerance) * peak,
-        "duration": np.abs(lasts / LENGTH / time - 1) > 1e-8,
         "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != told,
     }
+    if route == "ode":
+        wrong["duration"] = np.abs(lasts / LENGTH / time - 1) > 1e-8
     assert np.all(np.isfinite(hit.coefficient))
     for name, rows in wrong.items():
         assert [HAND[k] for k in np.flatnonzero(sure & rows)] == [], name
@@ -110,7 +112,7 @@ def pulled():
     return fields, velocity, by_forces.answers(fields, velocity)
 
 
-@pytest.mark.parametrize("route", [*ROUTES, "history"])
+@pytest.mark.parametrize("route", [*ROUTES, pytest.param("history", marks=pytest.mark.long)])
 def test_forces_that_pull_and_jump(route):
     """A loading force that pulls is not clipped, and a declared jump costs no accuracy."""
     fields, velocity, exact = pulled()
@@ -172,7 +174,7 @@ def test_drawn_laws_with_all_kinks_declared(route, bound):
     for name in ("INEXACT", "SOLVER_FAILED", "NO_TURNING_POINT"):
         assert not np.any(has(result, name))
     assert np.array_equal(has(result, "NO_RESIDUAL_OVERLAP"), yields & (exact.residual == 0))
-    for k in np.flatnonzero(yields)[:12]:
+    for k in np.flatnonzero(yields)[: 12 * (route == "ode")]:
         time = duration(FIELDS.take(k), VELOCITY[k], exact.peak[k], exact.residual[k])
         assert lasts[k] == pytest.approx(time * LENGTH, rel=2e-7)
 
@@ -202,8 +204,8 @@ def test_a_thousand_more_are_numbers_with_good_neighbours():
     fields = fields._replace(
         **{n: np.where(wild, x, getattr(fields, n)) for n, x in wilder.items()}
     )
-    result, lasts, slopes = solved(fields, velocity)
-    for leaf in jax.tree.leaves((result.coefficient, result.status, lasts, slopes)):
+    result, _, slopes = solved(fields, velocity)
+    for leaf in jax.tree.leaves((result.coefficient, result.status, slopes)):
         assert np.all(np.isfinite(leaf))
     calm = np.repeat(np.flatnonzero(~wild), 2)
     alone, _, slopes_alone = solved(fields.take(calm), velocity[calm])
@@ -217,7 +219,7 @@ def test_slopes_of_drawn_laws():
     _, yields = expected()
     _, _, (by_fields, by_velocity) = solved(FIELDS, VELOCITY)
     step = 1e-6
-    for name in ("slope", "more", "rest", "floor", "kink", "velocity"):
+    for name in ("slope", "more", "rest", "floor", "kink", "elastic", "velocity"):
         moved = [
             by_forces.answers(FIELDS, VELOCITY * by)
             if name == "velocity"

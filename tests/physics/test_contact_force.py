@@ -49,17 +49,17 @@ def test_an_impact_that_is_stepped_rebounds_as_the_law_does(name):
 
 
 def test_its_gradient_is_that_of_the_restitution():
-    """∂ε/∂χ̃ through all steps, with vmap over the impacts."""
-    law = LAWS["zhou"]
+    """∂ε/∂ of the yield strength's factor through all steps, with vmap over the impacts."""
+    law = LAWS["thornton"]
 
-    def of(chi):
-        moved = sj.Zhou(PAIR, chi, law.sigma, law.psi)
+    def of(factor):
+        moved = sj.Thornton(law.contact, factor)
         return jax.vmap(lambda v: rebound(moved, v, 400))(jnp.asarray(VELOCITY[1:]))
 
-    def exact(chi):
-        return sj.restitution(sj.Zhou(PAIR, chi, law.sigma, law.psi), VELOCITY[1:]).coefficient
+    def exact(factor):
+        return sj.thornton_restitution(law.contact, VELOCITY[1:], factor)
 
-    found, exact = (jax.jit(jax.jacfwd(f))(law.chi) for f in (of, exact))
+    found, exact = (jax.jit(jax.jacfwd(f))(law.yield_factor) for f in (of, exact))
     assert np.all(np.isfinite(found))
     np.testing.assert_allclose(found, exact, rtol=0.05)
 
@@ -75,10 +75,10 @@ def test_apart_there_is_no_force_and_no_memory():
 
 def test_below_a_velocity_its_restitution_is_held():
     """Faster impacts are as they were, but where they load again a dashpot pushes."""
-    law, velocity = LAWS["zhou"], np.array([1e-3, 0.05, 1.0, 5.0])
+    law, velocity = LAWS["thornton"], np.array([1e-3, 0.05, 1.0, 5.0])
     found = jax.jit(lambda v: rebound(law, v, 2000, hold=0.1))(jnp.asarray(velocity))
     expected = sj.restitution(law, np.maximum(velocity, 0.1)).coefficient
-    np.testing.assert_allclose(found[:2], expected[:2], atol=1e-3)
+    assert np.all(np.abs(found - expected)[:2] < [2e-4, 6e-3])  # elastic, and yielding
     np.testing.assert_allclose(found[2:], expected[2:], atol=3e-6)
     peak = float(sj.restitution(law, 1.0).peak_overlap)
     rates = jnp.array([-0.1, 0.0, 0.1])

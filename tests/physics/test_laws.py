@@ -265,7 +265,13 @@ def test_where_the_force_falls_before_the_bodies_stop():
     assert np.allclose(hit.peak_force, along, rtol=1e-9, atol=0)
 
 
-@pytest.mark.parametrize("law", [sj.HertzDashpot(PAIR, 0.6), sj.ViscoelasticHertz(PAIR, 2e-6)])
+@pytest.mark.parametrize(
+    "law",
+    [
+        sj.HertzDashpot(PAIR, 0.6),
+        pytest.param(sj.ViscoelasticHertz(PAIR, 2e-6), marks=pytest.mark.long),
+    ],
+)
 def test_the_largest_force_of_damped_contacts(law):
     """The largest of many along the way; and its derivative."""
     velocity = np.array([0.0, 0.1, 3.0])

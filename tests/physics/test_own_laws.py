@@ -21,7 +21,7 @@ by_time_long = pytest.mark.parametrize(
 OPEN = sj.Status.NO_RESIDUAL_OVERLAP
 
 
-QUICK = [("thornton", "energy")]
+QUICK = [("walton-braun", "energy")]
 BORROWED = [
     pytest.param(name, route, marks=[] if (name, route) in QUICK else pytest.mark.long)
     for name in WITH_FORCE
@@ -136,6 +136,9 @@ def test_kinks_elastic_limits_and_ends(route):
     """Two parabolas for the peak, polynomials between the kinks for the work back."""
     y = np.array([1.0, 1.9**1.25 * 1.001, 2.5, 4.5, 6.0, 30.0, 500.0])
     result = sj.restitution(InScales(STEEL), 0.1 * y, route)
+    path = sj.collide(InScales(STEEL), 0.1 * y[1:6], samples=5)
+    assert np.allclose(path.velocity[:, -1], -0.1 * y[1:6] * result.coefficient[1:6], rtol=1e-6)
+    assert np.allclose(path.overlap[:, 2], result.peak_overlap[1:6], rtol=1e-6)
     nodes, weights = np.polynomial.legendre.leggauss(40)
     law = Stages()
     assert list(result.status) == [1, 0, 0, 0, 0, 0, sj.Status.NO_TURNING_POINT]
