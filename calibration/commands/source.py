@@ -2,7 +2,7 @@
 
 import argparse
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -115,8 +115,7 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     if data is not None:
         last = max(float(np.max(data.velocity)), 2 * critical)
     last = min(last, 0.99 * float(contact.limit_velocity))
-    one_radius = len(entry.table.radii) == 1
-    bodies, numbers = _bodies(entry.bodies, entry.table.second is None, one_radius)
+    bodies, numbers = _bodies(entry.bodies)
     properties = None if entry.table.limit_velocity is not None else numbers
     remark = f"{printable(entry.name)}: {arguments.source}"
     if arguments.line is not None:
@@ -176,7 +175,7 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
         from calibration.fitting.posterior.draws import read
 
         draws = read(arguments.posterior)
-    bodies, properties = _bodies_of_fit(fit)
+    bodies, properties = _bodies(fit.data.bodies)
     parts = fit.name, fit.law, span, properties, bodies, result, draws
     return Source(*parts, remark=remark, fall=fit.data.fall, measured=(low, high))
 
@@ -191,8 +190,10 @@ def _chosen(name: str | None, names: list[str], where: str) -> str:
     return str(name)
 
 
-def _bodies(pair: Any, same_material: bool, one_radius: bool) -> tuple[str, dict[str, float]]:
-    """Description of two bodies, and their properties by name."""
+def _bodies(pair: Sequence[Any]) -> tuple[str, dict[str, float] | None]:
+    """Description of two bodies, and their properties by name; none if unknown, or of each row."""
+    if not pair or any(np.ndim(body.radius) for body in pair):
+        return "spheres", None
 
     def numbers(body: Any, suffix: str) -> dict[str, float]:
         return {f"{name}{suffix}": float(x) for name, x in body.material.leaves().items()}
@@ -201,20 +202,10 @@ def _bodies(pair: Any, same_material: bool, one_radius: bool) -> tuple[str, dict
     if second.radius is None:
         return "wall", numbers(first, "") | {"radius": first.radius} | numbers(second, "_wall")
     radii = {"radius_1": first.radius, "radius_2": second.radius}
-    if not same_material:
+    if first.material.leaves() != second.material.leaves():
         return "unlike spheres", numbers(first, "_1") | numbers(second, "_2") | radii
-    return "spheres", numbers(first, "") | ({"radius": first.radius} if one_radius else radii)
-
-
-def _bodies_of_fit(fit: Any) -> tuple[str, dict[str, float] | None]:
-    """The same of a fit's data; no numbers if the bodies are unknown or differ from row to row."""
-    leaves = [leaf for body in fit.data.bodies for leaf in body.material.leaves().values()]
-    leaves += [body.radius for body in fit.data.bodies]
-    if not leaves or any(np.ndim(leaf) for leaf in leaves):
-        return "spheres", None
-    first, second = fit.data.bodies
-    same = first.material.leaves() == second.material.leaves()
-    return _bodies((first, second), same, first.radius == second.radius)
+    radii = {"radius": first.radius} if first.radius == second.radius else radii
+    return "spheres", numbers(first, "") | radii
 
 
 def _law(

@@ -37,13 +37,7 @@ from calibration.data.plausible import AS_IT_IS, RANGES, of_bodies
 from calibration.data.sheet import read_csv
 from calibration.data.stated import Parameters, measure
 from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
-from calibration.errors import (
-    DataError,
-    InputError,
-    Origin,
-    listed,
-    printable,
-)
+from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.options import FitOptions
 from calibration.parameters import Parameter
 from calibration.schema import Refused, Strict

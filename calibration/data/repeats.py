@@ -62,12 +62,9 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
 def _repeats(velocity: Values, group) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
     """The mean that each reading is of, readings at exactly equal velocities of one group, and firsts."""
     codes = np.zeros(len(velocity)) if group is None else codes_of(group)
-    order = np.lexsort((codes, velocity))
-    v, c = velocity[order], codes[order]
-    fresh = np.concatenate([[True], (v[1:] != v[:-1]) | (c[1:] != c[:-1])])
-    of = np.empty(len(order), int)
-    of[order] = np.cumsum(fresh) - 1
-    return of, order[fresh]
+    both = np.stack([velocity, codes], axis=1)
+    _, rows, of = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    return of.ravel(), rows
 
 
 def _errors_of(of_eps: Values | None, of_v: Values, joint: Values, velocity_known: bool):

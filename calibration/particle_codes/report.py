@@ -237,18 +237,16 @@ class Export:
         velocity, requested = self.target.velocity, self.target.restitution
         exported, step = self.choice.impacts.coefficient, self.choice.steps.error
         off, name = exported - requested, style.plain(self.target.name)
-        dashed = {"color": style.BLUE, "linestyle": "--"}
         curve.plot(velocity, requested, color=style.BLACK, label=f"requested, {name}")
-        curve.plot(velocity, exported, label=f"{self.to}: {self.choice.label}", **dashed)
+        label = f"{self.to}: {self.choice.label}"
+        curve.plot(velocity, exported, "--", color=style.BLUE, label=label)
         curve.set(ylabel=r"restitution $\varepsilon$")
         within = f"± error of the time step, {number(1e6 * self.time_step, 3)} µs"
-        style_of_band = {"color": style.BLUE, "alpha": 0.25, "lw": 0, "label": within}
-        errors.fill_between(velocity, off - step, off + step, **style_of_band)
-        errors.plot(velocity, off, **dashed)
-        dotted = {"color": style.GREY, "linestyle": ":"}
-        errors.axhline(self.options.tolerance, label="tolerance", **dotted)
-        errors.axhline(-self.options.tolerance, **dotted)
-        errors.set(xlabel="impact velocity $v$ [m/s]", ylabel=r"exported $-$ requested")
+        style.band(errors, velocity, off - step, off + step, label=within)
+        errors.plot(velocity, off, "--", color=style.BLUE)
+        for end in (-self.options.tolerance, self.options.tolerance):
+            errors.axhline(end, color=style.GREY, ls=":", label="tolerance")
+        errors.set(xlabel=style.VELOCITY, ylabel=r"exported $-$ requested")
         if style.spans_decades(velocity):
             style.logarithmic_x(errors)
         style.legend_below(figure, [curve, errors])  # inside it would lie on a line

@@ -23,6 +23,7 @@ DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))  # of these: curves ma
 FINE = 240  # points of a curve
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
+FIRST = ("data", "Zhou, fitted", EQ_17)  # in the legend
 WIDEST = 0.5  # room for a band above and below its curve, in heights of the curve
 LEAST_SPAN = 0.05  # of ε: a curve's height is at least this for that purpose
 INVISIBLE = 1e-6  # width of a band that is not drawn: data without scatter
@@ -83,7 +84,7 @@ def curves_figure(
         if not upper.get_subplotspec().is_first_col():
             upper.set_ylabel("")
             lower.set_ylabel("")
-    _legend(figure, grid)
+    style.legend_below(figure, list(grid.flat), first=FIRST)
     if title:
         style.set_title(figure, ". ".join(filter(None, (title, figure.get_suptitle()))))
     return figure
@@ -97,12 +98,8 @@ def observables_figure(result: Any) -> Figure | None:
     figure, grid = style.panels(len(measured), 4.0, "observables", (2.6, 1), 0.75)
     for (fit, observed), (upper, lower) in zip(measured, grid, strict=False):
         _plot_observable(result, fit, observed, upper, lower)
-    _legend(figure, grid)
+    style.legend_below(figure, list(grid.flat), first=FIRST)
     return figure
-
-
-def _legend(figure: Figure, grid: Any) -> None:
-    style.legend_below(figure, list(grid.flat), first=("data", "Zhou, fitted", EQ_17))
 
 
 def _plot_observable(
@@ -152,7 +149,7 @@ def _plot_observable(
     for line in lines:
         if line.residuals:
             left = _sorted(x, value - line.value(data.velocity))
-            lower.plot(*left, color=line.color, linestyle=line.linestyle, linewidth=1.2)
+            lower.plot(*left, color=line.color, ls=line.linestyle, lw=1.2)
     fitted = result.band(data.velocity, fit.name, observable=name).coefficient[rows]
     left = value - fitted if observed is None else 100 * (value / fitted - 1)
     part = error if observed is None or error is None else 100 * error / value
@@ -202,8 +199,7 @@ def _plot_sizes(
         label = None
         if of_size.data.contact is not None:
             label = f"R = {number(1e3 * float(of_size.data.contact.radius), 3)} mm"
-        style_of_line: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 1.5}
-        ax.plot(fine, band.coefficient, label=label, **style_of_line)
+        ax.plot(fine, band.coefficient, label=label, color=color, ls=dashes, lw=1.5)
         style.band(ax, fine, band.low, band.high, color)
         style.mark_velocity(ax, yield_velocity(of_size.law), fine, color=color)
     style.band(ax, [], [], [], style.GREY, label=f"{100 * result.confidence:g} %, of the mean")
@@ -216,17 +212,10 @@ def _plot_sizes(
 
 def _plot_line(ax: Axes, line: Line, x: np.ndarray, value: np.ndarray) -> None:
     """A further curve, with a cross where it ends."""
-    style_of_line: dict[str, Any] = {
-        "color": line.color,
-        "linestyle": line.linestyle,
-        "linewidth": 1.4,
-        "zorder": 1.5,
-    }
-    ax.plot(x, value, label=line.label, **style_of_line)
+    ax.plot(x, value, label=line.label, color=line.color, ls=line.linestyle, lw=1.4, zorder=1.5)
     last = np.flatnonzero(np.isfinite(value))[-1:]
     if last.size and last[0] < len(x) - 1:
-        style_of_line = {"color": line.color, "markersize": 8, "label": "no solution beyond"}
-        ax.plot(x[last], value[last], "X", **style_of_line)
+        ax.plot(x[last], value[last], "X", color=line.color, ms=8, label="no solution beyond")
 
 
 def _sorted(x: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
@@ -269,14 +258,13 @@ def restitution_figure(
         known = v[np.isfinite(rows.coefficient)]
         for ends in ((v[0], known[0]), (known[-1], v[-1])):
             if ends[0] < ends[1]:
-                style_of_line: dict[str, Any] = {"color": style.GREY, "alpha": 0.15, "linewidth": 0}
-                ax.axvspan(*ends, label="not determined", **style_of_line)
+                ax.axvspan(*ends, label="not determined", color=style.GREY, alpha=0.15, lw=0)
     if data is not None:
         errors = data.uncertainty, data.velocity_uncertainty
         style.points(ax, data.velocity, data.restitution, *errors, label="data")
     value = np.where(rows.status.astype(int) & NO_VALUE != 0, np.nan, rows.coefficient)
-    style_of_line = {"color": style.BLUE, "marker": "o" if len(v) < FEW else "", "markersize": 4}
-    ax.plot(v, value, label=style.plain(label), **style_of_line)
+    marker = "o" if len(v) < FEW else ""
+    ax.plot(v, value, label=style.plain(label), color=style.BLUE, marker=marker, ms=4)
     style.mark_velocity(ax, yields_at, v, label="first yield")
     ax.set(xlabel=style.VELOCITY, ylabel=style.EPSILON)
     if style.spans_decades(v):
@@ -333,8 +321,7 @@ def _plot_laws(ax: Axes, comparison: Any, curves: Sequence[Any], same: Mapping[s
     for entry, *curve in sorted(curves, key=lambda drawn: styles[drawn[0].label][1][1] != "-"):
         width = max(WIDTHS[0] - WIDTHS[1] * len(ax.lines), WIDTHS[2])
         color, dashes = styles[entry.label][1]
-        style_of_line: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": width}
-        ax.plot(*curve, label=_label(entry.label, same), **style_of_line)
+        ax.plot(*curve, label=_label(entry.label, same), color=color, ls=dashes, lw=width)
 
 
 def _same_curves(comparisons: Sequence[Any]) -> dict[str, str]:

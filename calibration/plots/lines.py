@@ -59,18 +59,12 @@ def _paper_lines(fit: Any, entry: paper.TableEntry) -> list[Line]:
     critical = {area: replace(contact, area=area).critical_velocity for area in ("zhou", "hertz")}
     formula = jax.jit(thornton_restitution)
     thornton = lambda yields: lambda v: np.asarray(formula(contact, v, yields))  # noqa: E731
-    at_paper, at_hertz = (
-        rf"Thornton, yield at {where}"
-        for where in (r"the paper's $v_\mathrm{cr}$", "Hertz's $V_y$")
-    )
+    ratio = (critical["zhou"] / critical["hertz"]) ** 0.4
+    name = "Thornton, yield at {}".format
+    dashes: Any = (0, (3, 1, 1, 1))
     lines = [
-        Line(
-            at_paper,
-            thornton((critical["zhou"] / critical["hertz"]) ** 0.4),
-            style.GREEN,
-            (0, (3, 1, 1, 1)),
-        ),
-        Line(at_hertz, thornton(1.0), style.PURPLE, (0, (1, 1))),
+        Line(name(r"the paper's $v_\mathrm{cr}$"), thornton(ratio), style.GREEN, dashes),
+        Line(name("Hertz's $V_y$"), thornton(1.0), style.PURPLE, (0, (1, 1))),
     ]
     if not isinstance(fit.law, sj.Zhou):
         return lines

@@ -60,9 +60,8 @@ def _plot_profile(ax: Axes, profile: Any, estimate: Any) -> None:
     logarithmic = style.spans_decades(values) and not at_bound  # a bound of 0 is decades away
     fine = (np.geomspace if logarithmic else np.linspace)(values[0], values[-1], 200)
     ax.plot(*_smooth(values, rise, fine, logarithmic), color=style.BLUE)
-    style_of_line: dict[str, Any] = {"color": style.BLUE, "marker": "o", "markersize": 3}
-    ax.plot(values, rise, linestyle="none", **style_of_line)
-    ax.plot([], [], label="profile", **style_of_line)
+    ax.plot(values, rise, "o", color=style.BLUE, ms=3)
+    ax.plot([], [], "-o", color=style.BLUE, ms=3, label="profile")
     if logarithmic:
         style.logarithmic_x(ax, room=0.0)
     else:
@@ -70,12 +69,12 @@ def _plot_profile(ax: Axes, profile: Any, estimate: Any) -> None:
     if estimate is not None and estimate.standard_error:
         parabola = ((fine - estimate.value) / estimate.standard_error) ** 2
         ax.plot(fine, parabola, ":", color=style.ORANGE, label="from the standard error")
-    style_of_line = {"color": style.VERMILION, "linestyle": "--", "linewidth": 1}
-    ax.axhline(profile.threshold, label="threshold of the interval", **style_of_line)
+    text = "threshold of the interval"
+    ax.axhline(profile.threshold, label=text, color=style.VERMILION, ls="--", lw=1)
     for end, place, side in ((profile.low, 0.02, "left"), (profile.high, 0.98, "right")):
         if end is None:
-            style_of_line = {"ha": side, "va": "top", "color": style.GREY}
-            ax.text(place, 0.96, "open end", transform=ax.transAxes, **style_of_line)
+            where: dict[str, Any] = {"ha": side, "va": "top", "transform": ax.transAxes}
+            ax.text(place, 0.96, "open end", color=style.GREY, **where)
         elif np.isfinite(end):
             ax.axvline(end, color=style.GREY, linestyle="-.", linewidth=1, label="interval")
     ax.set(ylim=(0, TOP * profile.threshold), ylabel=r"$\Delta\chi^2$")
@@ -221,8 +220,7 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
             _mark_interval(ax, estimates.get(x))
         else:
             step = max(1, len(draws[x]) // SHOWN)
-            style_of_points: dict[str, Any] = {"color": style.SKY, "markersize": 2, "alpha": 0.5}
-            ax.plot(draws[x][::step], draws[y][::step], ".", **style_of_points)
+            ax.plot(draws[x][::step], draws[y][::step], ".", color=style.SKY, ms=2, alpha=0.5)
             if np.any(diverging):
                 wild = draws[x][diverging], draws[y][diverging]
                 ax.plot(*wild, ".", color=style.VERMILION, label="diverged")
@@ -247,8 +245,7 @@ def _mark_interval(ax: Axes, estimate: Any) -> None:
     ax.axvline(estimate.value, color=style.BLACK, linewidth=1, label="fit")
     for end in (estimate.low, estimate.high):
         if end is not None and np.isfinite(end):
-            style_of_line: dict[str, Any] = {"color": style.GREY, "linestyle": "-.", "linewidth": 1}
-            ax.axvline(end, label="the fit's interval", **style_of_line)
+            ax.axvline(end, label="the fit's interval", color=style.GREY, ls="-.", lw=1)
 
 
 def _power(ends: tuple[float, float]) -> int:
@@ -332,9 +329,8 @@ def _plot_line(ax: Axes, line: Any, ratio: np.ndarray, ylim: tuple[float, float]
         columns[:, k] = estimate.value, *_interval(estimate)
     value, low, high = columns
     within = (ratio >= line.range[0]) & (ratio <= line.range[1])
-    style_of_line: dict[str, Any] = {"color": style.BLACK, "linewidth": 1}
-    ax.plot(ratio, np.where(within, value, np.nan), label="Eq. (18)", **style_of_line)
-    ax.plot(ratio, np.where(within, np.nan, value), "--", label="extrapolated", **style_of_line)
+    for shown, dashes, label in ((within, "-", "Eq. (18)"), (~within, "--", "extrapolated")):
+        ax.plot(ratio, np.where(shown, value, np.nan), dashes, color=style.BLACK, lw=1, label=label)
     if np.any(high > low):
         label = f"{100 * line.confidence:g} % band of a further material"
         lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))

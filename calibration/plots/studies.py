@@ -150,10 +150,9 @@ def sobol_figure(indices: Any, assumed: str = "") -> Figure:
 
 def _plot_slopes(ax: Axes, velocity, slopes, labels: Sequence[str]) -> None:
     """Draw each column of `slopes` over velocity."""
-    for color, line, label, values in zip(
-        cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False
-    ):
-        ax.plot(velocity, values, color=color, linestyle=line, label=label)
+    looks = zip(cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False)
+    for color, dashes, label, values in looks:
+        ax.plot(velocity, values, color=color, ls=dashes, label=label)
     if style.spans_decades(velocity):
         style.logarithmic_x(ax)
     ax.set(xlabel=style.VELOCITY, ylabel=f"sensitivity {EFFECT}")

@@ -63,11 +63,7 @@ def shortened(text: str) -> str:
 
 
 def panels(
-    count: int,
-    height: float,
-    what: str,
-    heights: Sequence[float] = (1.0,),
-    legend: float = 0.5,
+    count: int, height: float, what: str, heights: Sequence[float] = (1.0,), legend: float = 0.5
 ) -> tuple[Figure, Any]:
     """A figure with (panels, len(heights)) axes in up to `COLUMNS` columns, for `MOST` of `count` things.
 
@@ -95,9 +91,8 @@ def set_title(figure: Figure, text: str) -> None:
 
 def points(ax: Axes, x, y, up=None, across=None, color=BLACK, marker="o", label: str | None = None):
     """Hollow markers with error bars."""
-    style_of_points: dict[str, Any] = {"markersize": 3.5, "markeredgewidth": 0.8, "elinewidth": 0.8}
-    style_of_points |= {"markerfacecolor": "white", "color": color, "fmt": marker, "zorder": 3}
-    ax.errorbar(x, y, up, across, label=label, **style_of_points)
+    look: dict[str, Any] = {"ms": 3.5, "mew": 0.8, "elinewidth": 0.8, "mfc": "white", "zorder": 3}
+    ax.errorbar(x, y, up, across, marker, color=color, label=label, **look)
 
 
 def band(ax: Axes, x, low, high, color: str = BLUE, alpha: float = 0.25, label: str | None = None):
