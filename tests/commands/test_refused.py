@@ -76,7 +76,7 @@ REFUSED = {
     "curve --fit FIT --route ode": "--route",
     "curve --fit FIT chrome-steel --material nylon": "MATERIAL|--fit",
     "curve --fit FIT --material EMPTY": "--material",
-    "curve --fit FIT --from 0.1 --to 0.2": "do not determine",
+    "curve --fit FIT --from 0.1 --to 0.2 --points 5": "do not determine",
     f"{SENSITIVITY} --range chi=0.1:0.4": "--range",
     f"{SENSITIVITY} --from 0": "--from",
     f"{SENSITIVITY} --to inf": "`--to` must be a finite velocity above 0 m/s, but is inf",
