@@ -13,78 +13,80 @@ from tests.fit_data import pair
 from tests.shown.tables import cells
 
 PAIR = pair("stainless steel")
-V = np.geomspace(0.05, 3, 20)
-SPRING, EPS = 3e6, 0.8
 MASS = float(PAIR.mass)
+V = np.geomspace(0.05, 3, 20)
+FIRST, SECOND = 3e6, 4.8e6  # Walton and Braun's springs, N/m
 U = 0.03  # of forces, in parts
 QUICK = {"profiles": False, "starts": 4}
+SPRINGS = {"growth": 0.0}
+NAMES = ("loading_stiffness", "unloading_stiffness")
 
 
-def shown(stiffness, eps):
-    """Contact time and largest forces of a spring with a dashpot, which is left at zero overlap.
-
-    With ζ = cos θ the force is largest after the angle 3θ - π.
-    """
-    loss = -np.log(eps) / np.hypot(np.pi, np.log(eps))
-    root = np.sqrt(1 - loss**2)
-    less = np.exp(-loss / root * (3 * np.arccos(loss) - np.pi))
-    return np.pi * np.sqrt(MASS / stiffness) / root, np.sqrt(stiffness * MASS) * less * V
-
-
-TIME, FORCES = shown(SPRING, EPS)
+def shown(first, second):
+    """ε, contact time and largest forces of two springs."""
+    time = np.pi / 2 * np.sqrt(MASS) * (first**-0.5 + second**-0.5)
+    return np.sqrt(first / second), time, np.sqrt(first * MASS) * V
 
 
 @pytest.fixture(scope="module")
 def data():
     """ε of all impacts, contact times whose scatter is unknown, some forces of a known one."""
     random = np.random.default_rng(0)
-    eps = EPS + 0.01 * random.standard_normal(20)
-    times = TIME * (1 + 0.02 * random.standard_normal(20))
-    rows = np.arange(5, 20)
-    forces = FORCES[rows] * (1 + U * random.standard_normal(15))
+    exact, time, force = shown(FIRST, SECOND)
+    eps = exact + 0.01 * random.standard_normal(20)
+    times = time * (1 + 0.02 * random.standard_normal(20))
     every = np.full(20, np.nan)
-    every[rows] = forces
+    every[5:] = force[5:] * (1 + U * random.standard_normal(15))
     told = {"contact_time": times, "peak_force": every, "peak_force_uncertainty": U * every}
     return cal.RestitutionData(V, eps, PAIR, **told)
 
 
 @pytest.fixture(scope="module")
 def result(data):
-    return cal.fit(data, "linear", **QUICK)
+    return cal.fit(data, "walton-braun", SPRINGS, **QUICK)
 
 
-def dense(data, stiffness, eps, noise, of_times):
+def dense(data, first, second, noise, of_times):
     """ln p in SI of the three, by SciPy."""
     times, forces = data.observed
-    duration, force = shown(stiffness, eps)
+    eps, time, force = shown(first, second)
     found = stats.norm.logpdf(data.restitution, eps, noise).sum()
     # relative errors are parts of power laws through the values
     of_t, of_f = (
         np.exp(np.polyval(np.polyfit(np.log(v), np.log(one.value), 1), np.log(v)))
         for v, one in ((V, times), (V[5:], forces))
     )
-    found += stats.norm.logpdf(times.value, duration, of_times * of_t).sum()
+    found += stats.norm.logpdf(times.value, time, of_times * of_t).sum()
     return found + stats.norm.logpdf(forces.value, force[5:], U * of_f).sum()
 
 
 def test_times_and_forces_are_rows_of_the_likelihood(data, result):
-    """Of ε alone a spring's stiffness is held; here it is found as SciPy finds it, each noise beside."""
+    """Of ε alone a spring is held; here it is found as SciPy finds it, each noise beside."""
     cost = lambda x: -dense(data, *np.exp(x))  # noqa: E731
-    start = np.log([2.9e6, 0.81, 0.012, 0.025])
+    start = np.log([2.9e6, 4.9e6, 0.012, 0.025])
     best = optimize.minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-8})
     assert result.converged
     assert result.log_likelihood == pytest.approx(-best.fun, abs=1e-5)
-    assert result.values["stiffness"] == pytest.approx(np.exp(best.x[0]), rel=2e-3)
-    # one time tells K to twice its relative scatter, one force as well
-    scatter = result.materials[0].observed["contact_time"].noise
-    expected = SPRING * (20 / (2 * scatter) ** 2 + 15 / (2 * U) ** 2) ** -0.5
-    assert result.standard_errors["stiffness"] == pytest.approx(expected, rel=0.05)
-    held = cal.fit(cal.RestitutionData(V, data.restitution, PAIR), "linear", **QUICK)
-    assert "stiffness" not in held.covariance_names
+    found = [result.values[name] for name in NAMES]
+    np.testing.assert_allclose(found, np.exp(best.x[:2]), rtol=2e-3)
+    eps, time, _ = shown(*found)
+    material = result.materials[0]
+    scatter = material.observed["contact_time"].noise
+    of_time = -np.pi / 4 * np.sqrt(MASS / np.power(found, 3)) / time
+    rows = [  # relative slopes over relative errors
+        20**0.5 * eps / material.noise * np.array([0.5, -0.5]) / found,
+        20**0.5 / scatter * of_time,
+        15**0.5 / U * np.array([0.5 / found[0], 0]),
+    ]
+    expected = np.linalg.inv(np.transpose(rows) @ rows)[0, 0] ** 0.5
+    assert result.standard_errors["loading_stiffness"] == pytest.approx(expected, rel=0.03)
+    alone = cal.RestitutionData(V, data.restitution, PAIR)
+    held = cal.fit(alone, "walton-braun", SPRINGS, **QUICK)
+    assert held.covariance_names == NAMES[1:]
 
 
 def test_what_else_was_measured_has_a_table(data, result):
-    time, force = shown(result.values["stiffness"], result.values["restitution"])
+    _, time, force = shown(*(result.values[name] for name in NAMES))
     exact = time, force[5:]
     off = [one.value / at - 1 for one, at in zip(data.observed, exact, strict=True)]
     lines = [cells(line) for line in str(result).splitlines()]
@@ -101,15 +103,16 @@ def test_what_else_was_measured_has_a_table(data, result):
 
 
 def test_problem_and_leave_one_out_are_the_same_density(data, result):
-    problem = cal.problem(data, "linear")
+    problem = cal.problem(data, "walton-braun", SPRINGS)
     assert problem.noises == ("noise", "contact_time_noise")
-    theta = {"stiffness": 2.8e6, "restitution": 0.82, "noise": 0.013, "contact_time_noise": 0.03}
-    expected = dense(data, *theta.values())
+    values = (2.8e6, 4.4e6, 0.013, 0.03)
+    theta = dict(zip((*NAMES, *problem.noises), values, strict=True))
+    expected = dense(data, *values)
     assert float(jax.jit(problem.log_likelihood)(theta)) == pytest.approx(expected, rel=1e-9)
     left = result.leave_one_out()
     material = result.materials[0]
     noises = material.noise, material.observed["contact_time"].noise
-    at_fit = dense(data, result.values["stiffness"], result.values["restitution"], *noises)
+    at_fit = dense(data, *(result.values[name] for name in NAMES), *noises)
     assert np.sum(left.pointwise) == pytest.approx(at_fit, rel=1e-9)
     assert left.log_density.shape == (55,)
 
@@ -117,17 +120,19 @@ def test_problem_and_leave_one_out_are_the_same_density(data, result):
 def test_bands_are_in_si_and_outliers_are_named(data, result, tmp_path):
     times = data.observed[0]
     band = result.band(V, observable="contact_time")
-    slope = -0.5 * band.coefficient / result.values["stiffness"]
-    expected = np.abs(slope) * result.standard_errors["stiffness"]
-    np.testing.assert_allclose(band.coefficient, TIME, rtol=0.02)
-    np.testing.assert_allclose(band.standard_error, expected, rtol=2e-2)
+    assert result.covariance_names == NAMES
+    values = np.array([result.values[name] for name in NAMES])
+    slope = -np.pi / 4 * np.sqrt(MASS) * values**-1.5
+    expected = np.sqrt(slope @ result.covariance @ slope)
+    np.testing.assert_allclose(band.coefficient, shown(*values)[1], rtol=1e-9)
+    np.testing.assert_allclose(band.standard_error, expected, rtol=1e-6)
     one = result.band(V, observable="contact_time", kind="prediction")
     scatter = result.materials[0].observed["contact_time"].noise * band.coefficient
     np.testing.assert_allclose(one.standard_error, np.hypot(band.standard_error, scatter))
     value = times.value.copy()
     value[7] *= 1.5
     moved = cal.RestitutionData(V, data.restitution, PAIR, contact_time=value)
-    found = cal.fit(moved, "linear", noise="student-t", **QUICK)
+    found = cal.fit(moved, "walton-braun", SPRINGS, noise="student-t", **QUICK)
     named = max(found.outliers, key=lambda one: abs(one.residual))
     assert (named.row, named.observable, named.value) == (8, "contact_time", value[7])
     assert "t_c" in str(named)
@@ -138,13 +143,15 @@ def test_bands_are_in_si_and_outliers_are_named(data, result, tmp_path):
 def test_relative_errors_do_not_lower_what_is_fitted():
     """400 times of 10 %: as parts of each time they would lower the mean by 2 %, four standard errors."""
     velocity, random = np.geomspace(0.05, 3, 400), np.random.default_rng(3)
-    times = TIME * (1 + 0.1 * random.standard_normal(400))
+    loss = np.log(0.8) / np.pi  # of a spring with a dashpot that is left at zero overlap
+    time = np.pi * np.sqrt(MASS / 3e6 * (1 + loss**2))
+    times = time * (1 + 0.1 * random.standard_normal(400))
     for more in ({}, {"contact_time_uncertainty": 0.1 * times}):
         data = cal.RestitutionData(velocity, contact=PAIR, contact_time=times, **more)
-        found = cal.fit(data, "linear", {"restitution": EPS}, **QUICK)
-        expected = SPRING * (TIME / np.mean(times)) ** 2
+        found = cal.fit(data, "linear", {"restitution": 0.8}, **QUICK)
+        expected = 3e6 * (time / np.mean(times)) ** 2
         assert found.values["stiffness"] == pytest.approx(expected, rel=2e-3)
-        assert found.standard_errors["stiffness"] == pytest.approx(0.01 * SPRING, rel=0.1)
+        assert found.standard_errors["stiffness"] == pytest.approx(0.01 * 3e6, rel=0.1)
 
 
 @pytest.mark.parametrize(("factor", "is_raised"), [(1.3, False), (2.5, True)])
@@ -159,26 +166,24 @@ def test_times_far_from_a_law_without_freedom_are_named(factor, is_raised):
 
 
 def test_every_observable_and_its_slope_are_in_closed_form():
-    """Walton and Braun's springs k1 and k2 = 1.6 k1; slopes in k2."""
-    first, radius = SPRING, float(PAIR.radius)
+    """Slopes in the unloading stiffness."""
+    radius = float(PAIR.radius)
 
     def exact(second):
-        peak = V * np.sqrt(MASS / first)
-        left = peak * (1 - first / second)
-        time = np.pi / 2 * (np.sqrt(MASS / first) + np.sqrt(MASS / second)) + 0 * V
+        eps, time, force = shown(FIRST, second)
+        peak = V * np.sqrt(MASS / FIRST)
+        left = peak * (1 - FIRST / second)
         dents = np.sqrt(np.pi ** (2 / 3) * radius * peak), np.sqrt(2 * radius * left)
-        return [np.sqrt(first / second) + 0 * V, time, first * peak, peak, *2 * np.array(dents)]
+        return np.array([eps + 0 * V, time + 0 * V, force, peak, *2 * np.array(dents)])
 
     def every(second):
-        hit = sj.restitution(sj.WaltonBraun(PAIR, first, second), V)
+        hit = sj.restitution(sj.WaltonBraun(PAIR, FIRST, second), V)
         return [predicted(name, hit) for name in OBSERVABLES]
 
-    second = 1.6 * SPRING
-    values, slopes = jax.jit(lambda x: jax.jvp(every, (x,), (1.0,)))(second)
-    step = 1e-5 * second
-    by = (np.array(exact(second + step)) - exact(second - step)) / (2 * step)
-    np.testing.assert_allclose(values, exact(second), rtol=1e-9)
-    np.testing.assert_allclose(second * np.array(slopes), second * by, rtol=1e-6, atol=1e-9)
+    values, slopes = jax.jit(lambda x: jax.jvp(every, (x,), (1.0,)))(SECOND)
+    by = (exact(1.00001 * SECOND) - exact(0.99999 * SECOND)) / 2e-5
+    np.testing.assert_allclose(values, exact(SECOND), rtol=1e-9)
+    np.testing.assert_allclose(SECOND * np.array(slopes), by, rtol=1e-6, atol=1e-9)
 
 
 def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back():
