@@ -102,12 +102,14 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     file = read_material_file(arguments.source, needs_data=False)
     names = [entry.name for entry in file.materials]
     entry = file.materials[names.index(_chosen(arguments.material, names, arguments.source))]
-    if entry.contact is None:
-        problem = f"{entry.name!r} has no elastic properties"
+    contact, data, where = entry.contact, entry.data, (entry.origin.file, entry.origin.line)
+    if contact is None:
         accepted = "a law needs youngs_modulus and the others"
-        raise InputError(entry.origin.file, entry.origin.line, problem, accepted)
+        raise InputError(*where, f"{entry.name!r} has no elastic properties", accepted)
+    if any(map(np.ndim, contact.leaves().values())):
+        accepted = "a curve is of one: give radius, and leave out data"
+        raise InputError(*where, f"{entry.name!r} has bodies of several sizes", accepted)
     print_first(entry.implausible, arguments.quiet)
-    contact, data = entry.contact, entry.data
     if arguments.area is not None:
         contact = sj.Contact(**contact.leaves(), area=arguments.area)
     critical = float(np.asarray(contact.critical_velocity))
@@ -163,7 +165,7 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
     name = arguments.source if arguments.material is None else arguments.material
     plain = name if name is None or name in names else name.replace("-", " ")
     fit = result.material(_chosen(plain, names, "the fit"))
-    if fit.contact is not None and any(np.ndim(leaf) for leaf in fit.contact.leaves().values()):
+    if fit.contact is not None and any(map(np.ndim, fit.contact.leaves().values())):
         stated = " ".join(f"--set {n}={e.value:.6g}" for n, e in fit.parameters.items() if e.value)
         accepted = f"use a material file of one size: FILE.toml --law {fit.model.key} {stated}"
         raise InputError(arguments.fit, None, f"{fit.name!r} has bodies of several sizes", accepted)

@@ -360,3 +360,8 @@ def test_a_fit_of_two_sizes_is_refused_with_a_law_for_one_size(at):
         assert "bodies of several sizes" in said
     (at / "one.toml").write_text(BODIES.replace("0.0127", "0.005"), encoding="utf-8")
     curve("one.toml", *said.partition("FILE.toml ")[2].split(), "--points", "9")
+    (at / "m.csv").write_text("diameter [mm],velocity,restitution\n10,1,0.9\n20,1,0.8\n")
+    rows = '[[material]]\nmaterial = "nylon"\ndata = "m.csv"\n'
+    (at / "m.toml").write_text(rows, encoding="utf-8")
+    said = curve("m.toml", "--chi", "0.2", error="'m' has bodies of several sizes")
+    assert said.startswith("m.toml:1: ")
