@@ -142,9 +142,10 @@ def _runs(data: Any) -> Iterator[Implausible]:
         return
     for velocity, word in ((data.velocity, "ascend"), (-data.velocity, "descend")):
         starts = np.concatenate([[0], np.flatnonzero(np.diff(velocity) < 0) + 1, [len(data)]])
-        # each run rises within itself: repeats at one velocity are no run
-        rises = velocity[starts[1:] - 1] > velocity[starts[:-1]]
-        if len(starts) > 2 and np.min(np.diff(starts)) >= SHORTEST and np.all(rises):
+        # repeats at one velocity are no run, nor are parts of one series whose velocities have errors
+        ways = velocity[starts[1:] - 1] - velocity[starts[:-1]]
+        through = np.all(ways > 0.5 * np.ptp(velocity))
+        if len(starts) > 2 and np.min(np.diff(starts)) >= SHORTEST and through:
             cause = (
                 f"velocities {word} {len(starts) - 1} times over, and there is no column `group`"
             )

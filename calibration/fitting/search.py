@@ -32,6 +32,7 @@ from calibration.parameters import NONE
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
 COST_TOLERANCE = 1e-15  # of the decrease it promises, relative to the cost
 ROUNDING = 1e-13  # of a cost: near its minimum steps are judged by the gradient alone
+MOST_LEVEL = 20  # steps in a row that change the cost by no more: the gradient is rounding, too
 LARGEST_STEP = 1.5  # in log units
 FARTHEST = 25.0  # from the start, in log units: beyond, nothing changes any more
 NEARLY = 6.0  # from where on an element that acts on nothing counts as at the end of its range
@@ -87,7 +88,7 @@ class _Search:
         self.limits = np.zeros((fits, p), int)
         self.released = np.zeros(fits, int)
         self.reason = np.full(fits, "", dtype=object)
-        self.iterations = np.zeros(fits, int)
+        self.iterations, self.level = np.zeros((2, fits), int)
         self.evaluations = 0
         self.scaled = problem.transform.kind[problem.active] != NONE
         self.lower, self.upper = self._ends()
@@ -148,6 +149,7 @@ class _Search:
             method.taken(moved, length == 1.0, gain)
             self._judge(moved)
             self._stop(method.stuck() & refused, STUCK)
+            self._stop(self.level >= MOST_LEVEL, ARRIVED[1])
             self._stop(self.iterations >= self.limit, USED_UP)
 
     def _limited(self, direction) -> tuple[np.ndarray, np.ndarray]:
@@ -208,6 +210,8 @@ class _Search:
         self._put(moved, linear, moved[fits])
         self.iterations += moved
         self._condense(moved)
+        is_level = np.abs(before.cost - self.at.cost) <= ROUNDING * np.abs(self.at.cost)
+        self.level = np.where(moved & ~is_level, 0, self.level + moved)
         with np.errstate(over="ignore", invalid="ignore"):
             return moved, (before.cost - self.at.cost) / np.maximum(before.fall(step), TINY)
 

@@ -220,6 +220,7 @@ RESTARTS = [
     (ASCENDING, False),  # too few to tell
     (np.concatenate([ASCENDING, ASCENDING[:3]]), False),  # seven are too few
     (np.repeat([2.0, 1.0], 6), False),
+    (np.array([1.0, 1.3, 1.6, 2.1, 1.9, 2.4, 3.0, 4.0]), False),  # one series, velocities to 10 %
 ]
 
 

@@ -278,3 +278,22 @@ def test_scatter_next_to_another_set_at_its_bound_is_as_if_that_was_given():
     held = cal.fit(sets, parameters=given, profiles=False)
     for one, other in zip(free.materials, held.materials, strict=True):
         assert one.variances["scatter"] == pytest.approx(other.variances["scatter"], rel=1e-5)
+
+
+def test_a_fit_converges_although_one_interval_was_read_six_per_cent_long():
+    """All noise is then of times, and costs are rounded where the gradient of the slopes is not zero."""
+    ball = sj.Material(71e9, 0.33, 2700.0, 280e6)
+    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.0125)
+    law, random = sj.Zhou(contact, chi=1.2, sigma=3.0, psi=0.5), np.random.default_rng(11)
+    times, labels = [], []
+    for launch in range(3):
+        v = 4.43
+        for bounce in range(8):
+            e = float(sj.restitution(law, v).coefficient) + 0.005 * random.standard_normal()
+            v *= e
+            long = 1.06 if (launch, bounce) == (1, 3) else 1.0
+            times.append(2 * v / 9.81 * long)
+            labels.append(f"l{launch}")
+    table = {"launch": labels, "interval": times}
+    data = cal.RestitutionData.from_table(table, contact, air=False)
+    assert cal.fit(data, profiles=False, starts=4).converged
