@@ -150,7 +150,7 @@ def misfit(reduced: float | None, degrees: float, of_noise: float | None = None)
 def far_from_stated(
     standardised: Column, variances: Mapping[str, float], scale: float | None, noise: Normal
 ) -> str | None:
-    """Residuals far larger than the stated uncertainties, or far smaller: by their median size.
+    """Residuals far larger than the stated uncertainties, or far smaller: by what is estimated, or their median.
 
     Args:
         scale: estimated factor of the stated variances, None without.
@@ -163,10 +163,10 @@ def far_from_stated(
     ratio = size / middle
     if scale is not None:
         ratio = scale**0.5
-    elif stated > 0:
-        ratio *= (1 + variances.get("scatter", 0.0) / stated) ** 0.5
-    else:
+    elif stated <= 0:
         return None
+    elif variances.get("scatter"):
+        ratio = (1 + variances["scatter"] / stated) ** 0.5
     if ratio > FAR_FROM_STATED or (n >= 10 and ratio < 1 / FAR_FROM_STATED):
         return f"the points scatter by {ratio:.2g} times what was stated"
     return None
