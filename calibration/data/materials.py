@@ -276,10 +276,7 @@ class MaterialEntry:
     def implausible(self) -> list[str]:
         """A line for each property of a body outside its plausible range."""
         warnings = of_bodies(self.bodies, self.contact)
-        return [
-            f"warning: plausibility ({self.name}): {warning.cause}. {warning.advice}"
-            for warning in warnings
-        ]
+        return [f"warning: plausibility ({self.name}): {w.cause}. {w.advice}" for w in warnings]
 
 
 @dataclass(frozen=True)

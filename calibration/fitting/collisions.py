@@ -167,10 +167,8 @@ class Laws:
         fits, count = local.shape[1:]
         contact = self.contact or {}
         if self.direct:
-            inputs = {
-                OF_CONTACT + name: np.broadcast_to(leaf, local.shape[1:])
-                for name, leaf in contact.items()
-            }
+            size = local.shape[1:]
+            inputs = {OF_CONTACT + n: np.broadcast_to(x, size) for n, x in contact.items()}
             inputs |= dict(zip(self.names, local, strict=True))
             return [inputs[name] for name in self.shape.names], None
         flat = {name: _padded(np.ravel(x)) for name, x in zip(self.names, local, strict=True)}

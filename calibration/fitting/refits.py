@@ -295,10 +295,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
     covariance = np.linalg.pinv(information, rcond=SEEN, hermitian=True)
     spread = variance + np.einsum("fnp,fpq,fnq->fn", rows, covariance, rows)
-    density = [
-        family.log_predictive(off[:, span], spread[:, span], degrees)
-        for family, span, degrees in families
-    ]
+    density = [f.log_predictive(off[:, s], spread[:, s], nu) for f, s, nu in families]
     return off, np.concatenate(density, axis=1)
 
 

@@ -60,9 +60,7 @@ class SetSpec:
     objective: str  # "model" or "two-step"
     model: LawModel
     local: tuple[Element, ...]  # the law's parameters, free and held
-    errors: tuple[
-        Errors, ...
-    ]  # of each observable's points: what is stated, and what is to be found
+    errors: tuple[Errors, ...]  # of each observable's points, stated and to be estimated
 
     @property
     def by_eps_up(self) -> bool:

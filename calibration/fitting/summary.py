@@ -37,10 +37,8 @@ def summarise(
     """Each data set's part, the warnings about several of them, and the error of the drag coefficient."""
     by_element = estimates(fit, curves, confidence)
     shared_warnings = of_component(fit, by_element, curves)
-    materials = [
-        _material(fit, g, by_element, confidence, shared_warnings)
-        for g in range(len(fit.component.sets))
-    ]
+    sets = range(len(fit.component.sets))
+    materials = [_material(fit, g, by_element, confidence, shared_warnings) for g in sets]
     elements = enumerate(fit.component.elements)
     drag = {e.label: by_element[k] for k, e in elements if e.name == DRAG}
     return materials, [w for w in shared_warnings if w.material is None], drag

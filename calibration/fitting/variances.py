@@ -390,9 +390,8 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
     The limits of a spread are where the restricted likelihood falls by half the χ² quantile.
     """
     found = {}
-    for problem, z, pool in [
-        (f.final.problem, f.z, p) for f in fits for p in f.final.problem.pools
-    ]:
+    every = ((f.final.problem, f.z, p) for f in fits for p in f.final.problem.pools)
+    for problem, z, pool in every:
         estimate = estimate_of_pool(problem, z, pool)
         transform = problem.transform.part(np.array(pool.members[:1]))
         mean, error, least = estimate.mean(pool.spread)

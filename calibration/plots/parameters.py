@@ -291,10 +291,7 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
     figure = style.new_figure(4.6)
     ax = figure.add_subplot()
     ends, reach = list(line.range), float(quantile(line.confidence, np.inf))
-    shown = [
-        (material.yield_ratio, material.chi, reach * (material.chi_error or 0.0))
-        for material in line.materials
-    ]
+    shown = [(m.yield_ratio, m.chi, reach * (m.chi_error or 0.0)) for m in line.materials]
     top = max(chi + error for _, chi, error in shown)
     if contact is not None:
         new, chi = float(np.asarray(contact.yield_ratio)), line.unloading_factor(contact)

@@ -437,11 +437,7 @@ def _determined(summaries: Mapping[str, Any], names: Mapping[str, str]) -> list[
     from calibration.fitting.posterior.diagnostics import FOLLOWS
 
     kinds: dict[str, list[str]] = {"determine": [], "narrow": [], "do not determine": []}
-    wide = {
-        name: share
-        for name, summary in summaries.items()
-        if (share := summary.prior_share or 0) > DETERMINED
-    }
+    wide = {n: share for n, s in summaries.items() if (share := s.prior_share or 0) > DETERMINED}
     for name, summary in summaries.items():
         if name not in wide:
             kinds["determine"] += [f"{names[name]} = {with_error(summary.mean, summary.deviation)}"]

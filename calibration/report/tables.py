@@ -225,8 +225,7 @@ def outlier_lines(result: Any) -> list[str]:
                 "the law or the stated errors are wrong"
             )
         lines += [
-            f"outlier{owner}: {outlier}{_heights(outlier, fit.data.fall)}"
-            for outlier in outliers[:MOST_OUTLIERS]
+            f"outlier{owner}: {o}{_heights(o, fit.data.fall)}" for o in outliers[:MOST_OUTLIERS]
         ]
         more = len(outliers) - MOST_OUTLIERS
         lines += [f"outlier{owner}: {more} more in fit.json"] if more > 0 else []

@@ -311,10 +311,7 @@ def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
         if name not in {candidate.key for candidate in candidates} | {*labels}
     ):
         raise DataError(f"parameters[{unknown!r}]", "of no law compared", f"of {listed(labels)}")
-    stated_of = (
-        (candidate, stated.get(candidate.key, {}), stated.get(candidate.label, {}))
-        for candidate in candidates
-    )
+    stated_of = ((c, stated.get(c.key, {}), stated.get(c.label, {})) for c in candidates)
     return [
         candidate._replace(stated={**candidate.stated, **by_key, **by_label})
         for candidate, by_key, by_label in stated_of
