@@ -38,7 +38,6 @@ class Cone(sj.RateIndependentLaw):
 
 
 ZHOU = sj.Zhou(PAIR, 1.8, 3.0, 0.5)
-FULL = sj.Zhou(PAIR, 1.8, 3.0, 0.5, form="full")
 VISCOUS = sj.ViscoelasticHertz(PAIR, 1e-6)
 CALLS = {
     "duration": lambda law, v: sj.restitution(law, v).duration,
@@ -46,7 +45,7 @@ CALLS = {
     "by time": lambda law, v: sj.restitution(law, v, sj.ODE()).coefficient,
     "history": lambda law, v: sj.collide(law, v, samples=5).force,
 }
-LAWS = {"first-order": ZHOU, "full": FULL, "viscous": VISCOUS, "own": Cone(PAIR, 1e11)}
+LAWS = {"first-order": ZHOU, "viscous": VISCOUS, "own": Cone(PAIR, 1e11)}
 IN_TIME = [(call, law) for call in ("by time", "history") for law in ("viscous", "own")]
 
 
