@@ -40,7 +40,7 @@ OPPOSITE = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
 COMMUTE = {"min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or"}
 CHECKED = {"zip", "dataclass"}  # whose keywords change nothing but what is refused
 LOOKS = {"linewidth", "elinewidth", "markersize", "markeredgewidth", "capsize", "alpha", "zorder"}
-LOOKS |= {"fontsize", "frameon", "ha", "va"}
+LOOKS |= {"fontsize", "frameon", "ha", "va", "lw", "ms", "mew"}
 TEXT = (ast.List, ast.Tuple, ast.JoinedStr)  # + joins these
 Site = tuple[str, int, int, str]  # kind, start, end, new text
 

@@ -13,13 +13,21 @@ from calibration.errors import DataError
 from calibration.fitting.curves import distinct_impacts, of_each_impact, of_impact, yield_velocity
 from calibration.fitting.laws import eq_17
 from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.options import LAWS
 from calibration.plots import style
 from calibration.plots.lines import Line
 from calibration.rounding import number
 
 MARKERS = "s^vDoP"  # of residuals
-SHADES = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
-DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))  # of these: curves may coincide
+SHADES = (
+    *(style.BLUE, style.VERMILION, style.GREEN, style.PURPLE),
+    *(style.ORANGE, style.SKY, style.BLACK, style.GREY),
+)
+# one more than shades: curves may coincide, and many laws have as many looks
+DASHES = (
+    *("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (8, 3))),
+    *((0, (3, 1, 1, 1)), (0, (9, 2, 2, 2))),
+)
 FINE = 240  # points of a curve
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
@@ -37,25 +45,6 @@ NO_VALUE = int(
 FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
 ROOM = 0.5  # room above and below the data in the close-up of laws, relative to their height
 WIDTHS = (3.4, 0.3, 1.2)  # of the first law drawn, how much less of each further one, the least
-LOOKS: dict[str, tuple[str, Any]] = {
-    "zhou": (style.BLUE, "-"),
-    "eq-17": (style.ORANGE, "--"),
-    "walton-braun": (style.GREEN, (0, (6, 2))),
-    "viscoelastic": (style.PURPLE, (0, (3, 1, 1, 1))),
-    "thornton": (style.SKY, "-."),
-    "thornton-fixed": (style.VERMILION, (0, (1, 1))),
-    "constant": (style.GREY, (0, (8, 3))),
-    "hertz": (style.BLACK, ":"),
-}
-# for users' laws, and for dashpot laws with another end of contact
-OTHERS: tuple[tuple[str, Any], ...] = (
-    (style.BLACK, (0, (5, 1))),
-    (style.VERMILION, "-"),
-    (style.GREEN, (0, (2, 2))),
-    (style.PURPLE, (0, (9, 2, 2, 2))),
-    (style.ORANGE, (0, (1, 2))),
-    (style.SKY, (0, (6, 1, 1, 1, 1, 1))),
-)
 
 
 def curves_figure(
@@ -124,11 +113,11 @@ def _plot_observable(
     logarithmic = style.spans_decades(data.velocity[rows]) and not from_rest
     fine = data.velocity if sizes else _fine(data.velocity, logarithmic, from_rest)
     subsets: Sequence[tuple[Any, str | None]] = [(slice(None), None)]
-    if 1 < len(sizes) <= len(SHADES) and not ratio:
+    if 1 < len(sizes) <= len(MARKERS) and not ratio:
         subsets = _plot_sizes(upper, result, fit, sizes, name, rows, logarithmic)
     else:
         _plot_fit(upper, result, fit, name, fine, scale)
-        if len(data.groups) <= len(SHADES):
+        if len(data.groups) <= len(MARKERS):
             named = len(result.materials) == 1
             subsets = [
                 (data.group[rows] == group, f"group {style.plain(group)}" if named else None)
@@ -288,12 +277,16 @@ def _limits(rows: Any) -> tuple[float, float] | None:
 def comparison_figure(comparisons: Sequence[Any]) -> Figure:
     """Draw for each `Comparison` the curves of all laws, and below a close-up of the data."""
     same = _same_curves(comparisons)
+    entries = [entry for comparison in comparisons for entry in comparison.entries]
+    entries.sort(key=lambda entry: (*LAWS, entry.key).index(entry.key))  # Zhou's law is solid
+    labels = dict.fromkeys(entry.label for entry in entries)
+    looks = dict(zip(labels, zip(cycle(SHADES), cycle(DASHES), strict=False), strict=False))
     figure, grid = style.panels(len(comparisons), 5.4, "data sets", (1, 1), 1.1)
     for (upper, lower), comparison in zip(grid, comparisons, strict=False):
         data = comparison.data
         curves = [(e, *_curve(e)) for e in comparison.entries if e.label not in same]
         for ax in (upper, lower):
-            _plot_laws(ax, comparison, curves, same)
+            _plot_laws(ax, curves, looks, same)
             errors = data.uncertainty, data.velocity_uncertainty
             style.points(ax, data.velocity, data.restitution, *errors, label="data")
             if style.spans_decades(data.velocity):
@@ -311,16 +304,11 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
     return figure
 
 
-def _plot_laws(ax: Axes, comparison: Any, curves: Sequence[Any], same: Mapping[str, str]) -> None:
+def _plot_laws(ax: Axes, curves: Sequence[Any], looks: Mapping[str, Any], same: Any) -> None:
     """Curves of laws, each thinner than those below it; solid ones below dashed ones, which may coincide."""
-    others, styles = cycle(OTHERS), {}
-    for entry in comparison.entries:
-        used = {key for key, _ in styles.values()}
-        first = entry.key in LOOKS and entry.key not in used
-        styles[entry.label] = entry.key, LOOKS[entry.key] if first else next(others)
-    for entry, *curve in sorted(curves, key=lambda drawn: styles[drawn[0].label][1][1] != "-"):
+    for entry, *curve in sorted(curves, key=lambda drawn: looks[drawn[0].label][1] != "-"):
         width = max(WIDTHS[0] - WIDTHS[1] * len(ax.lines), WIDTHS[2])
-        color, dashes = styles[entry.label][1]
+        color, dashes = looks[entry.label]
         ax.plot(*curve, label=_label(entry.label, same), color=color, ls=dashes, lw=width)
 
 
