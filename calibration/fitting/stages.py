@@ -58,10 +58,7 @@ Places = Float[np.ndarray, "starts elements"]
 def candidates(
     problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int, wide: float = 1.0
 ) -> Places:
-    """`count` starts: z itself, then points that fill the space around it along the active elements.
-
-    They are multiples of 1/φ, 1/φ², ... modulo 1, φ^(d + 1) = φ + 1, from a random one on: SciPy's sequences take
-    half a second to import. Source: Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
+    """`count` starts: z itself, then Sobol points around it along the active elements.
 
     Args:
         wide: how many times its own size an element of any sign may change.
@@ -69,12 +66,11 @@ def candidates(
     active = problem.active
     if count <= 1 or not len(active):
         return z[None]
+    from scipy.stats import qmc
+
     low, high = np.transpose([_range_of(problem, int(k), z[k], wide) for k in active])
-    d, phi = len(active), 2.0
-    for _ in range(60):
-        phi = (1 + phi) ** (1 / (d + 1))
-    steps = np.arange(1, count)[:, None] * phi ** -np.arange(1.0, d + 1)
-    unit = (np.random.default_rng(seed).random(d) + steps) % 1
+    power = int(np.ceil(np.log2(count)))
+    unit = qmc.Sobol(len(active), seed=seed).random_base2(power)[: count - 1]
     places = np.repeat(z[None], count, axis=0)
     places[1:, active] = low + (high - low) * unit
     return places

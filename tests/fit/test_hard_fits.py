@@ -243,7 +243,7 @@ def test_a_lowest_minimum_far_from_the_start_is_found_or_doubted():
     assert wave(2)[0] < 1e-6
     assert wave(2, starts=1)[0] > 100
     assert wave(0)[1] is False
-    assert wave(2, scattered=True)[1] is True
+    assert wave(0, scattered=True)[1] is True
 
 
 @pytest.mark.long
