@@ -19,15 +19,6 @@ from calibration.plots.lines import Line
 from calibration.rounding import number
 
 MARKERS = "s^vDoP"  # of residuals
-SHADES = (
-    *(style.BLUE, style.VERMILION, style.GREEN, style.PURPLE),
-    *(style.ORANGE, style.SKY, style.BLACK, style.GREY),
-)
-# one more than shades: curves may coincide, and many laws have as many looks
-DASHES = (
-    *("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (8, 3))),
-    *((0, (3, 1, 1, 1)), (0, (9, 2, 2, 2))),
-)
 FINE = 240  # points of a curve
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
@@ -142,7 +133,7 @@ def _plot_observable(
     fitted = result.band(data.velocity, fit.name, observable=name).coefficient[rows]
     left = value - fitted if observed is None else 100 * (value / fitted - 1)
     part = error if observed is None or error is None else 100 * error / value
-    for (which, text), color, marker in zip(subsets, SHADES, MARKERS, strict=False):
+    for (which, text), color, marker in zip(subsets, style.SHADES, MARKERS, strict=False):
         up = None if part is None else part[which]
         style.points(lower, x[which], left[which], up, None, color, marker, text)
     lower.ticklabel_format(axis="y", scilimits=(-3, 3))
@@ -181,7 +172,7 @@ def _plot_sizes(
     ax: Axes, result: Any, fit: Any, sizes: Sequence[int], name: str, rows: Any, logarithmic: bool
 ) -> list[tuple[Any, str | None]]:
     """A curve with its band for each size; which of the rows are of that size."""
-    for impact, color, dashes in zip(sizes, SHADES, DASHES, strict=False):
+    for impact, color, dashes in zip(sizes, style.SHADES, style.DASHES, strict=False):
         of_size = of_impact(fit, impact)
         fine = _fine(of_size.data.velocity, logarithmic, False)
         band = result.band(fine, fit.name, observable=name, impact=impact)
@@ -280,7 +271,8 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
     entries = [entry for comparison in comparisons for entry in comparison.entries]
     entries.sort(key=lambda entry: (*LAWS, entry.key).index(entry.key))  # Zhou's law is solid
     labels = dict.fromkeys(entry.label for entry in entries)
-    looks = dict(zip(labels, zip(cycle(SHADES), cycle(DASHES), strict=False), strict=False))
+    pairs = zip(cycle(style.SHADES), cycle(style.DASHES), strict=False)
+    looks = dict(zip(labels, pairs, strict=False))
     figure, grid = style.panels(len(comparisons), 5.4, "data sets", (1, 1), 1.1)
     for (upper, lower), comparison in zip(grid, comparisons, strict=False):
         data = comparison.data

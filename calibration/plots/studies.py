@@ -11,11 +11,6 @@ from matplotlib.figure import Figure
 from calibration.plots import style
 from calibration.symbols import in_math
 
-COLORS = (
-    *(style.BLUE, style.ORANGE, style.GREEN, style.VERMILION),
-    *(style.SKY, style.PURPLE, style.BLACK, style.GREY),
-)
-STYLES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)))
 NOTHING = 1e-12  # a smaller sensitivity is zero
 VISIBLE = 2e-3  # a sensitivity smaller than this part of the largest looks like zero
 EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
@@ -150,7 +145,7 @@ def sobol_figure(indices: Any, assumed: str = "") -> Figure:
 
 def _plot_slopes(ax: Axes, velocity, slopes, labels: Sequence[str]) -> None:
     """Draw each column of `slopes` over velocity."""
-    looks = zip(cycle(COLORS), cycle(STYLES), labels, slopes.T, strict=False)
+    looks = zip(cycle(style.SHADES), cycle(style.DASHES), labels, slopes.T, strict=False)
     for color, dashes, label, values in looks:
         ax.plot(velocity, values, color=color, ls=dashes, label=label)
     if style.spans_decades(velocity):

@@ -17,6 +17,12 @@ from calibration.errors import printable
 # M. Okabe and K. Ito, Color Universal Design (2008)
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#777777"
+SHADES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK, GREY)
+# one more than shades: curves may coincide, and many laws have as many looks
+DASHES: tuple[Any, ...] = (
+    *("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)), (0, (8, 3))),
+    *((0, (3, 1, 1, 1)), (0, (9, 2, 2, 2))),
+)
 
 VELOCITY = "impact velocity $v$ [m/s]"
 EPSILON = r"restitution $\varepsilon$"
