@@ -77,6 +77,20 @@ def test_first_derivatives_of_laws(name, route):
             assert np.all(np.abs(found[zero] / size[:each][zero]) <= 1e-13), key
 
 
+@LONG
+@pytest.mark.parametrize(("name", "route"), UNTIMED)
+def test_first_derivatives_of_durations(name, route):
+    """Where they are left out above."""
+    case, expected = LAWS[name], laws.expected_slopes(name)
+    values = laws.repeated(case.law, case.velocity)
+    found, _, slopes, _ = graded(case.law, values, route, lasting=True)
+    tolerance = 1e-9 if route == PRECISE else 1e-11
+    size = laws.expected(name)[:, 3]
+    assert np.all(np.abs(found[3] - size) <= tolerance * size)
+    for key, slope in zip(values, slopes, strict=True):
+        assert np.all(np.abs(slope[3] - expected[key][:, 3]) <= tolerance * size), key
+
+
 @pytest.mark.parametrize(("name", "route"), CASES.values())
 def test_hard_and_invalid_impacts_of_laws(name, route):
     """From rest to 1e5 m/s numbers with finite slopes; at rest ε = 1; invalid ones are 0 and told."""
