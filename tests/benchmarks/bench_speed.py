@@ -1,4 +1,4 @@
-"""Measure everything and write the reference's table of speed: `pytest -n 0 tests/benchmarks/bench_speed.py`.
+"""Measure everything and write the reference's table and picture of speed: `pytest -n 0 tests/benchmarks/bench_speed.py`.
 
 `softjax speed` measures the library, SciPy's loop and diffrax with events; compiled loops and a
 thousand refits are measured here (`pip install softjax-contact[bench]`), and must be right to be told.
@@ -8,6 +8,7 @@ The text between the two marks of the page is replaced where all passed.
 import csv
 import json
 import math
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -75,6 +76,7 @@ def test_softjax_speed(told, tmp_path):
     measure = [sys.executable, "-m", "calibration", "speed", "--quiet", "--out", tmp_path]
     subprocess.run(measure, check=True)
     numbers = ("microseconds", "largest_error", "gradient_microseconds")
+    shutil.copy(tmp_path / "speed.png", PAGE.parents[1] / "figures")  # of the same run as the table
     with (tmp_path / "speed.csv").open(newline="", encoding="utf-8") as file:
         for one in csv.DictReader(file):
             each = (float(one[n] or "nan") for n in numbers)
