@@ -269,8 +269,8 @@ class RestitutionData:
             return self.remarks
         excess = float(np.nanmax(self.restitution)) - 1
         note = (
-            f"{np.sum(above)} of {len(self)} restitutions are above 1, by {excess:.2g} at most: "
-            "treated as noise and used as measured"
+            f"{np.sum(above)} of {len(self)} restitutions are above 1, by {excess:.2g} at most, "
+            "and used as measured"
         )
         return (*self.remarks, note)
 
