@@ -302,57 +302,60 @@ def in_chunks(function: Callable, leaves: Sequence, chunks: int):
 # within a program: from one impact to many, in one `vmap`, and how many are differentiated
 
 
-def over_impacts(one: Callable, batch: tuple, *, forward: bool, reversible: Callable | None = None):
-    """`one(*batch)` for each impact, whatever the shapes in which the leaves of `batch` broadcast.
+def over_impacts(
+    function: Callable, batch: tuple, *, forward: bool, reversible: Callable | None = None
+):
+    """`function(*batch)` for each impact, whatever the shapes in which the leaves of `batch` broadcast.
 
     Args:
-        one: of pytrees whose leaves are single numbers; what is shared (`fields.array_field`) stays
+        function: of pytrees whose leaves are single numbers; what is shared (`fields.array_field`) stays
             as it is.
         forward: whether derivatives are taken forward whichever way the caller does. Else the
             reverse pass computes rows again, which is faster than to store and fetch them.
-        reversible: the same as `one`, differentiable in reverse, for more directions than `MANY`.
+        reversible: the same as `function`, differentiable in reverse, for more directions than `MANY`.
     """
     leaves, structure = jax.tree.flatten(batch)
     whole = whole_leaves(batch)
-    parts = [leaf for leaf, held in zip(leaves, whole, strict=True) if not held]
+    parts = [leaf for leaf, common in zip(leaves, whole, strict=True) if not common]
     shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in parts))
     # a number that all impacts have in common stays one: what follows from it is computed once
     shared = [
-        held or (shape != () and jnp.shape(x) == ()) for x, held in zip(leaves, whole, strict=True)
+        common or (shape != () and jnp.shape(x) == ())
+        for x, common in zip(leaves, whole, strict=True)
     ]
     full = [
-        jnp.asarray(leaf) if held else jnp.broadcast_to(leaf, shape)
-        for leaf, held in zip(leaves, shared, strict=True)
+        jnp.asarray(leaf) if common else jnp.broadcast_to(leaf, shape)
+        for leaf, common in zip(leaves, shared, strict=True)
     ]
 
-    def of_leaves(function, *leaves):
-        return function(*jax.tree.unflatten(structure, leaves))
+    def of_leaves(of_batch, *leaves):
+        return of_batch(*jax.tree.unflatten(structure, leaves))
 
-    single = partial(of_leaves, one)
+    single = partial(of_leaves, function)
     if forward:
         backwards = None if reversible is None else partial(of_leaves, reversible)
         run = forward_differentiated(single, shared, reversible=backwards)
     else:
-        f = jax.checkpoint(jax.vmap(single, in_axes=[None if held else 0 for held in shared]))
+        f = jax.checkpoint(jax.vmap(single, in_axes=[None if common else 0 for common in shared]))
         run = lambda *leaves: _in_rows(f, leaves, shared, BY_REVERSE)  # noqa: E731
     if len(shape) > 1 and on_several_devices():
         for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
-            run = jax.vmap(run, in_axes=[None if held else 0 for held in shared])
+            run = jax.vmap(run, in_axes=[None if common else 0 for common in shared])
         return run(*full)
-    flat = [leaf if held else leaf.ravel() for leaf, held in zip(full, shared, strict=True)]
+    flat = [leaf if common else leaf.ravel() for leaf, common in zip(full, shared, strict=True)]
     return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), run(*flat))
 
 
 def _in_rows(f: Callable, leaves: Sequence, shared: Shared, size: int):
     """`f(*leaves)` of a row of impacts, so many at a time: what is stored of them stays in the cache."""
-    each = [leaf for leaf, held in zip(leaves, shared, strict=True) if not held]
+    each = [leaf for leaf, common in zip(leaves, shared, strict=True) if not common]
     if on_several_devices():
         return f(*leaves)
     size = size if _on_cpu() else ON_GPU
 
     def of_row(*some):
         parts = iter(some)
-        return f(*(x if held else next(parts) for x, held in zip(leaves, shared, strict=True)))
+        return f(*(x if common else next(parts) for x, common in zip(leaves, shared, strict=True)))
 
     return in_chunks(of_row, each, -(-len(each[0]) // size))
 
@@ -362,26 +365,28 @@ def _mapped(single: Single, shared: Shared, size: int) -> Callable:
 
     @custom_vmap
     def mapped(*leaves):
-        f = jax.vmap(single, in_axes=[None if held else 0 for held in shared])
+        f = jax.vmap(single, in_axes=[None if common else 0 for common in shared])
         return _in_rows(f, leaves, shared, size)
 
     @mapped.def_vmap
     def rule(axis_size, batched, *leaves):
         each = zip(leaves, batched, shared, strict=True)
-        if any(b and held and jnp.ndim(x) > 1 for x, b, held in each):  # a network each
-            found = jax.vmap(mapped.fun, in_axes=[0 if b else None for b in batched])(*leaves)
-            return found, jax.tree.map(lambda _: True, found)
-        still = [held and not b for held, b in zip(shared, batched, strict=True)]
-        rows = [x.shape[b:] for x, b, held in zip(leaves, batched, shared, strict=True) if not held]
+        if any(b and common and jnp.ndim(x) > 1 for x, b, common in each):  # a network each
+            results = jax.vmap(mapped.fun, in_axes=[0 if b else None for b in batched])(*leaves)
+            return results, jax.tree.map(lambda _: True, results)
+        still = [common and not b for common, b in zip(shared, batched, strict=True)]
+        rows = [
+            x.shape[b:] for x, b, common in zip(leaves, batched, shared, strict=True) if not common
+        ]
         shape = (axis_size, *rows[0])
         flat = []
         for leaf, is_batched, stays in zip(leaves, batched, still, strict=True):
             if is_batched:  # by itself or next to each other impact's
                 leaf = leaf.reshape(axis_size, -1)
             flat.append(leaf if stays else jnp.broadcast_to(leaf, shape).ravel())
-        found = _mapped(single, still, size)(*flat)
-        found = jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), found)
-        return found, jax.tree.map(lambda _: True, found)
+        results = _mapped(single, still, size)(*flat)
+        results = jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), results)
+        return results, jax.tree.map(lambda _: True, results)
 
     return mapped
 
@@ -405,8 +410,8 @@ def forward_differentiated(
 
     def rule(primals, tangents):
         active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-        held = [shared[i] for i in active]
-        change = directions([tangents[i] for i in active], held)
+        active_shared = [shared[i] for i in active]
+        change = directions([tangents[i] for i in active], active_shared)
         if reversible is not None and change.shape[-1] > MANY:
             with_slopes = partial(value_and_gradients, reversible, active)
             fewer = GRADIENTS

@@ -161,20 +161,20 @@ def _sphere_mass(material: Material, radius, name: str):
     return mass
 
 
-def _effective_modulus(one: Material, two: Material):
+def _effective_modulus(first: Material, second: Material):
     """E of Eq. (2): the compliances of both bodies add."""
-    compliance_1 = (1 - one.poisson_ratio**2) / one.youngs_modulus
-    compliance_2 = (1 - two.poisson_ratio**2) / two.youngs_modulus
+    compliance_1 = (1 - first.poisson_ratio**2) / first.youngs_modulus
+    compliance_2 = (1 - second.poisson_ratio**2) / second.youngs_modulus
     return 1 / (compliance_1 + compliance_2)
 
 
-def _yielding_body(one: Material, two: Material) -> dict:
+def _yielding_body(first: Material, second: Material) -> dict:
     """Y and v_lim = √(3Y/ρ) of the body that yields; at equal Y the denser one."""
-    first_yields = one.yield_strength < two.yield_strength
-    second_yields = two.yield_strength < one.yield_strength
-    strength = _where(first_yields, one.yield_strength, two.yield_strength)
-    denser = _where(one.density > two.density, one.density, two.density)
-    density = _where(first_yields, one.density, _where(second_yields, two.density, denser))
+    first_yields = first.yield_strength < second.yield_strength
+    second_yields = second.yield_strength < first.yield_strength
+    strength = _where(first_yields, first.yield_strength, second.yield_strength)
+    denser = _where(first.density > second.density, first.density, second.density)
+    density = _where(first_yields, first.density, _where(second_yields, second.density, denser))
     return {"yield_strength": strength, "limit_velocity": _sqrt(3 * strength / density)}
 
 

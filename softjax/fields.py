@@ -82,9 +82,9 @@ def number_field(
     Raises:
         ValueError: where `within` is no range.
     """
-    found = _WITHIN.fullmatch(within)
+    match = _WITHIN.fullmatch(within)
     try:
-        left, low, high, right = found.groups()  # type: ignore[union-attr]
+        left, low, high, right = match.groups()  # type: ignore[union-attr]
         ends = float(low), float(high), left == "[", right == "]"
     except (AttributeError, ValueError):
         accepted = 'a range such as "(0, inf)" or "[0, 1]"'
@@ -239,11 +239,11 @@ def numbers_of(module: eqx.Module) -> dict[str, Any]:
 
     A name that the module has too is `contact.radius`.
     """
-    found = {name: value for name, _, value in _values(module)}
+    numbers = {name: value for name, _, value in _values(module)}
     for field, nested in _nested(module):
         for name, value in numbers_of(nested).items():
-            found[f"{field}.{name}" if name in found else name] = value
-    return found
+            numbers[f"{field}.{name}" if name in numbers else name] = value
+    return numbers
 
 
 def are_valid(module: eqx.Module) -> Flags:

@@ -96,9 +96,9 @@ def _history(parameters, velocity, samples):
     on_loading, dtype = (samples + 1) // 2, impact.velocity.dtype
     along = np.linspace(0.0, 1.0, on_loading, dtype=dtype)
     back = np.linspace(0.0, 1.0, samples - on_loading + 1, dtype=dtype)[1:]
-    parts, found = _samples(impact, (along, back), route)
-    coefficient, plastic, _, _, status = results(impact, found)
-    shown = impact.valid & (impact.velocity > 0) & found.answered
+    parts, collision = _samples(impact, (along, back), route)
+    coefficient, plastic, _, _, status = results(impact, collision)
+    shown = impact.valid & (impact.velocity > 0) & collision.answered
     time, overlap, speed, force = (jnp.where(shown[..., None], part, 0.0) for part in parts)
     return History(time, overlap, speed, force, coefficient, plastic, status)
 
@@ -118,22 +118,22 @@ def _samples(impact: Impact, fractions, route: ODE):
             return elastic, collisions(impact, route)
     history = motion.history if independent else motion.damped_history
 
-    def one(law, y, below, route):
-        found, samples = history(law, y, route, fractions)
+    def single(law, y, below, route):
+        collision, samples = history(law, y, route, fractions)
         if below is None:
-            return found, samples
-        units = slow_units(law, found, below)
-        return found.scaled(units), _in(units, samples)
+            return collision, samples
+        units = slow_units(law, collision, below)
+        return collision.scaled(units), _in(units, samples)
 
     impacts = law.impacts(impact.acting)
     batch = impacts.law, impacts.y, impacts.below, route
-    found, samples = over_impacts(one, batch, forward=True)
+    collision, samples = over_impacts(single, batch, forward=True)
     units = si_units(law, impacts)
-    found, parts = found.scaled(units), _in(units, samples)
+    collision, parts = collision.scaled(units), _in(units, samples)
     if independent:
         stays_elastic = impact.elastic[..., None]
         parts = [jnp.where(stays_elastic, e, p) for e, p in zip(elastic, parts, strict=True)]
-    return parts, with_elastic(impact, found)
+    return parts, with_elastic(impact, collision)
 
 
 def _in(units: Units, samples) -> list:

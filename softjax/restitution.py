@@ -165,16 +165,16 @@ def _kept(impacts):
     leaves, structure = jax.tree.flatten(impacts)
     if not any(is_traced(leaf) for leaf in leaves):
         return impacts, False
-    whole = whole_leaves(impacts)
-    shapes = [np.shape(leaf) for leaf, held in zip(leaves, whole, strict=True) if not held]
+    shared = whole_leaves(impacts)
+    shapes = [np.shape(leaf) for leaf, common in zip(leaves, shared, strict=True) if not common]
     shape = np.broadcast_shapes(*shapes)
 
-    def repeated(leaf, held):
+    def repeated(leaf, common):
         if not is_array(leaf) and not isinstance(leaf, float):
             return leaf
-        return jnp.broadcast_to(leaf, shape + np.shape(leaf) if held else shape)
+        return jnp.broadcast_to(leaf, shape + np.shape(leaf) if common else shape)
 
-    kept = [repeated(leaf, held) for leaf, held in zip(leaves, whole, strict=True)]
+    kept = [repeated(leaf, common) for leaf, common in zip(leaves, shared, strict=True)]
     return jax.tree.unflatten(structure, kept), True
 
 
@@ -236,9 +236,9 @@ def _truth_values(elastic):
 def _signed(parameters, velocity):
     law, route, elastic = parameters
     impact = prepare(law, velocity, elastic)
-    found = collisions(impact, route)
-    squared, status = judged(impact, found)
-    return SignedRestitution(jnp.where(impact.valid & found.answered, squared, 0.0), status)
+    collision = collisions(impact, route)
+    squared, status = judged(impact, collision)
+    return SignedRestitution(jnp.where(impact.valid & collision.answered, squared, 0.0), status)
 
 
 def _chosen(law: ContactLaw, route: AbstractRoute | None) -> AbstractRoute:
@@ -267,6 +267,6 @@ def _observable(parameters, velocity, quantity: str):
     """Duration or largest force, 0 without a contact that ends."""
     law, route = parameters
     impact = prepare(law, velocity)
-    found = collisions(impact, route, clock=quantity == "duration", force=quantity == "force")
+    collision = collisions(impact, route, clock=quantity == "duration", force=quantity == "force")
     acts = impact.valid & (impact.velocity > 0)
-    return jnp.where(acts, getattr(found, quantity), 0.0)
+    return jnp.where(acts, getattr(collision, quantity), 0.0)

@@ -57,8 +57,8 @@ def si_units(law, impacts: Reduced) -> Units:
 
 def _of_impact(compute, law, y, below, *route) -> Collision:
     """One impact, a slow one from that which stands for it."""
-    found = compute(law, y, *route)
-    return found if below is None else found.scaled(slow_units(law, found, below))
+    collision = compute(law, y, *route)
+    return collision if below is None else collision.scaled(slow_units(law, collision, below))
 
 
 class EnergyBalance(AbstractRoute):
@@ -82,11 +82,11 @@ class EnergyBalance(AbstractRoute):
         impacts = law.impacts(velocity)
         batch = impacts.law, impacts.y, impacts.below
         if isinstance(impacts.law, ReducedClosedForm):
-            found = _of_impact(partial(energy.in_closed_form, clock=clock, force=force), *batch)
+            collision = _of_impact(partial(energy.in_closed_form, clock=clock, force=force), *batch)
         else:
             single = partial(_of_impact, partial(energy.by_quadrature, clock=clock, force=force))
-            found = over_impacts(single, batch, forward=False)
-        return found.scaled(si_units(law, impacts))
+            collision = over_impacts(single, batch, forward=False)
+        return collision.scaled(si_units(law, impacts))
 
 
 class ClosedForm(AbstractRoute):
@@ -199,8 +199,8 @@ class ODE(AbstractRoute):
             settings = route.rtol, route.solver, route.steps, route.max_steps
             return single(law, y, below, _Reversible(*settings))
 
-        found = over_impacts(single, batch, forward=True, reversible=reversible)
-        return found.scaled(si_units(law, impacts))
+        collision = over_impacts(single, batch, forward=True, reversible=reversible)
+        return collision.scaled(si_units(law, impacts))
 
 
 class _Reversible(ODE):

@@ -69,7 +69,7 @@ def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = Fal
         walk = _walked(scaled, state, route, save, smooth)
         return (walk.state if save is None else walk.samples), walk.before >= 1
 
-    closed, held = jax.closure_convert(scaled, jnp.zeros_like(span), state, None)
+    closed, constants = jax.closure_convert(scaled, jnp.zeros_like(span), state, None)
     count = len(state)
 
     def whole(*leaves):
@@ -79,11 +79,11 @@ def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = Fal
     solver, backwards = _solver(route), None  # of samples, and by Euler's method: forward
     if isinstance(solver, dfx.AbstractERK) and save is None:
         backwards = partial(_swept, closed, count, route, smooth, solver.tableau)
-    return along_active(whole, *state, *held, slopes=backwards)
+    return along_active(whole, *state, *constants, slopes=backwards)
 
 
-def _around(closed, held):
-    return lambda t, state, args: closed(t, state, args, *held)
+def _around(closed, constants):
+    return lambda t, state, args: closed(t, state, args, *constants)
 
 
 class _Walk(NamedTuple):
@@ -166,17 +166,17 @@ def _swept(closed, count: int, route: Any, smooth: bool, tableau, active, *leave
     Args:
         closed: the field, of `leaves` beyond the first `count`, which are the state.
     """
-    start, held = leaves[:count], leaves[count:]
+    start, constants = leaves[:count], leaves[count:]
     of_field = [i - count for i in active if i >= count]
-    walked = partial(_walked, _around(closed, held), start, route, None, smooth)
+    walked = partial(_walked, _around(closed, constants), start, route, None, smooth)
 
     def stepped(before, after, state, chosen):
-        full = list(held)
+        full = list(constants)
         for i, value in zip(of_field, chosen, strict=True):
             full[i] = value
         return _step(tableau, _around(closed, full), before, after - before, state)
 
-    chosen = [held[i] for i in of_field]
+    chosen = [constants[i] for i in of_field]
 
     def back(taken):
         """The derivatives of the state after a step, from those of the state before it."""

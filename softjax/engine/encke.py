@@ -30,8 +30,8 @@ SOME_PEAK = 1.5  # of a collision that is computed where there is none
 def loading(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
     """Largest overlap, whether there is one, and with a clock the time it takes."""
     (gain, *lag), reach, solved = _solved(law, y, route, clock)
-    found = jnp.square(reach * near_one_root(1 + gain, _roots(law)))
-    peak = _peak(law, y, found, solved)
+    overlap = jnp.square(reach * near_one_root(1 + gain, _roots(law)))
+    peak = _peak(law, y, overlap, solved)
     if not clock:
         return peak
     return peak._replace(time=(HALF_PERIOD[law.work_exponent] + lag[0]) * reach**2 / y)
@@ -66,16 +66,16 @@ def elastic_history(
     return time, s**2, jnp.where(returns, -speed, speed), force
 
 
-def _peak(law, y, found, solved) -> Peak:
+def _peak(law, y, peak_overlap, solved) -> Peak:
     end = jnp.asarray(law.end(), y.dtype)
     ends = jnp.isfinite(end)
-    arrived = solved & jnp.isfinite(found)
+    arrived = solved & jnp.isfinite(peak_overlap)
     # where the solver gave up a rough look decides whether there was anything to arrive at: whether
     # the work of loading up to the law's end is more than the impact's energy
     top = jnp.sqrt(jnp.where(ends, end, 1.0))
     work = integrate(lambda s: 2 * s * law.loading(s * s), jnp.zeros_like(y), top, 20)
-    turns = jnp.where(arrived, found < end, ~ends | (2.5 * (work / y) / y > 1))
-    overlap = jnp.where(arrived & turns, found, SOME_PEAK)
+    turns = jnp.where(arrived, peak_overlap < end, ~ends | (2.5 * (work / y) / y > 1))
+    overlap = jnp.where(arrived & turns, peak_overlap, SOME_PEAK)
     return Peak(overlap, y, jnp.where(ends, end, 0.0), turns, arrived | ~turns)
 
 

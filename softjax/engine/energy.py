@@ -163,14 +163,14 @@ def _finite(end) -> Numbers:
 
 def _loading(law: ReducedRateIndependent, y: Numbers) -> Peak:
     energy = 0.4 * y * y
-    found = outcome.loading_reach(law, y)
-    enough = work_to(law, found.top).value >= energy
-    turns = jnp.where(jnp.isfinite(found.end), enough, found.turns)
-    overlap = _overlap_of_work(law, energy, found._replace(turns=turns))
+    reach = outcome.loading_reach(law, y)
+    enough = work_to(law, reach.top).value >= energy
+    turns = jnp.where(jnp.isfinite(reach.end), enough, reach.turns)
+    overlap = _overlap_of_work(law, energy, reach._replace(turns=turns))
     # those without an answer take another one, which comes half as far
-    overlap = jnp.where(turns, overlap, 0.5 * found.rough)
+    overlap = jnp.where(turns, overlap, 0.5 * reach.rough)
     error = work_to(law, lax.stop_gradient(overlap)).error / energy
-    return Peak(overlap, y, _finite(found.end), turns, error=error)
+    return Peak(overlap, y, _finite(reach.end), turns, error=error)
 
 
 def work_to(law: ReducedRateIndependent, x: Numbers) -> Integral:
@@ -178,24 +178,24 @@ def work_to(law: ReducedRateIndependent, x: Numbers) -> Integral:
     return integral(lambda _, x: law.loading(x), x, x - loading_kinks(law, x))
 
 
-def _overlap_of_work(law, energy, found: Reach):
+def _overlap_of_work(law, energy, reach: Reach):
     """x_m with W_L(x_m) = energy."""
     leaves, structure = jax.tree.flatten(law)
 
-    # what was found is an argument too: what is traced must not come in unnoticed
-    def solve(energy, found, *leaves):
-        return _solve(jax.tree.unflatten(structure, leaves), energy, found)
+    # the reach is an argument too: what is traced must not come in unnoticed
+    def solve(energy, reach, *leaves):
+        return _solve(jax.tree.unflatten(structure, leaves), energy, reach)
 
-    def residual(x, energy, found, *leaves):
+    def residual(x, energy, reach, *leaves):
         return work_to(jax.tree.unflatten(structure, leaves), x).value - energy
 
-    def slope(x, energy, found, *leaves):
+    def slope(x, energy, reach, *leaves):
         return jnp.maximum(jax.tree.unflatten(structure, leaves).loading(x), 0.0)
 
-    return implicit_root(solve, residual, slope)(energy, found, *leaves)
+    return implicit_root(solve, residual, slope)(energy, reach, *leaves)
 
 
-def _solve(law, energy, found: Reach):
+def _solve(law, energy, reach: Reach):
     """By Newton's method in logarithms, in which a power law is a straight line, within bounds."""
     settled = float(jnp.finfo(energy.dtype).eps) ** 0.75  # the step after it would be rounding
 
@@ -212,8 +212,8 @@ def _solve(law, energy, found: Reach):
         return new, low, high, jnp.abs(new - x) / new, count + 1
 
     # no step at all where there is nothing to be found
-    change = jnp.where(found.turns, jnp.ones_like(energy), 0.0)
-    start = (jnp.minimum(found.rough, found.top), jnp.zeros_like(energy), found.top, change, 0)
+    change = jnp.where(reach.turns, jnp.ones_like(energy), 0.0)
+    start = (jnp.minimum(reach.rough, reach.top), jnp.zeros_like(energy), reach.top, change, 0)
     return lax.while_loop(unfinished, step, start)[0]
 
 

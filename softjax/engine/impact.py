@@ -130,10 +130,10 @@ def collisions(
     return with_elastic(impact, route.collide(law, impact.acting, clock=clock, force=force))
 
 
-def with_elastic(impact: Impact, found: Collision) -> Collision:
+def with_elastic(impact: Impact, collision: Collision) -> Collision:
     """Collisions by a route, elastic impacts among them as they are known."""
-    elastic = _elastic(impact, found.duration is not None, found.force is not None)
-    return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, found)
+    elastic = _elastic(impact, collision.duration is not None, collision.force is not None)
+    return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, collision)
 
 
 def _elastic(impact: Impact, clock: bool, force: bool) -> Collision:
@@ -157,25 +157,26 @@ def _elastic(impact: Impact, clock: bool, force: bool) -> Collision:
     )
 
 
-def judged(impact: Impact, found: Collision):
+def judged(impact: Impact, collision: Collision):
     """ε² and the status."""
-    squared, at_limit = impact.law.total_restitution(found.energy, impact.velocity, impact.elastic)
+    v, elastic = impact.velocity, impact.elastic
+    squared, at_limit = impact.law.total_restitution(collision.energy, v, elastic)
     yields = ~impact.elastic
     conditions = {
         Status.ELASTIC: impact.elastic,
-        Status.NO_REBOUND: yields & found.answered & (squared < 0),
+        Status.NO_REBOUND: yields & collision.answered & (squared < 0),
         Status.ABOVE_LIMIT_VELOCITY: at_limit,
         Status.ZERO_VELOCITY: impact.velocity == 0,
     }
-    flags = flagged(conditions) | jnp.where(yields, found.flags, 0)
+    flags = flagged(conditions) | jnp.where(yields, collision.flags, 0)
     return squared, jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
 
 
-def results(impact: Impact, found: Collision, overlaps: bool = True):
+def results(impact: Impact, collision: Collision, overlaps: bool = True):
     """ε, ε_p, largest and residual overlap [m] and the status."""
-    squared, status = judged(impact, found)
-    turns = (found.flags & int(Status.NO_TURNING_POINT)) == 0
-    answered = impact.valid & found.answered
+    squared, status = judged(impact, collision)
+    turns = (collision.flags & int(Status.NO_TURNING_POINT)) == 0
+    answered = impact.valid & collision.answered
 
     def in_metres(x):
         # without a turning point the overlap is where the law ends: a number, but no answer
@@ -183,8 +184,8 @@ def results(impact: Impact, found: Collision, overlaps: bool = True):
 
     return (
         jnp.where(answered, safe_sqrt(squared), 0.0),
-        jnp.where(answered, safe_sqrt(found.energy), 0.0),
-        in_metres(found.peak) if overlaps else None,
-        in_metres(found.residual) if overlaps else None,
+        jnp.where(answered, safe_sqrt(collision.energy), 0.0),
+        in_metres(collision.peak) if overlaps else None,
+        in_metres(collision.residual) if overlaps else None,
         status,
     )

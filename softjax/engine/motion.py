@@ -132,13 +132,13 @@ def _loading(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = 
 
 def _staged(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
     """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
-    found = outcome.loading_reach(law, y)
-    length, m = found.rough, round(2 * law.work_exponent)
+    reach = outcome.loading_reach(law, y)
+    length, m = reach.rough, round(2 * law.work_exponent)
     unit = 1.25 * (length / y) / y
 
     def pull(X):
         """The force over M V²/L, no farther than the law goes."""
-        return unit * law.loading(jnp.minimum(X * length, found.end))
+        return unit * law.loading(jnp.minimum(X * length, reach.end))
 
     smooth = isinstance(law, ReducedClosedForm)
     kinks = jnp.sort(loading_kinks(law, y)) / length
@@ -156,12 +156,12 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = F
         states = jax.tree.map(lambda a, b: jnp.where(inside, a, b), on_the_way, states)
     end, solved = phase.over_angle(plane, states, PEAK, route)
     overlap = length * phase.position(m, end)[0]
-    ends = jnp.isfinite(found.end)
+    ends = jnp.isfinite(reach.end)
     arrived = solved & passed & jnp.isfinite(overlap)
-    turns = jnp.where(ends & arrived, overlap < found.end, found.turns)
+    turns = jnp.where(ends & arrived, overlap < reach.end, reach.turns)
     solved = arrived | ~turns
     overlap = jnp.where(turns & solved, overlap, 0.5 * length)
-    peak = Peak(overlap, y, jnp.where(ends, found.end, 0.0), turns, solved)
+    peak = Peak(overlap, y, jnp.where(ends, reach.end, 0.0), turns, solved)
     if not clock:
         return peak
     time, timed = falls.times(_rise(law, peak), y, route)
@@ -248,9 +248,9 @@ def _scene(law: ReducedRateDependent, y: Numbers) -> _Scene:
     is_power = type(law).elastic is ReducedRateDependent.elastic and m == 2 * k
     if not is_power:
         still, pace = jax.tree.map(jax.lax.stop_gradient, (law, y))
-        found = reach(still.elastic, 0.4 * pace * pace, pace ** (2 / k))
+        alone = reach(still.elastic, 0.4 * pace * pace, pace ** (2 / k))
         # damping may hold what the elastic force alone would not
-        length, turns = jnp.where(found.turns, found.rough, length), found.turns
+        length, turns = jnp.where(alone.turns, alone.rough, length), alone.turns
     unit = 1.25 * (length / y) / y
 
     def excess(X, U):
@@ -267,15 +267,15 @@ def rate_dependent(law, y, route: Any, *, clock=False, force=False) -> Collision
     scene = _scene(law, y)
     peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock), PEAK, route)
     end, ended = scene.ends(peak, route)
-    found = _assembled(scene, peak, end, reached & ended, route)
+    collision = _assembled(scene, peak, end, reached & ended, route)
     if clock:
         ends = reached & ended & jnp.isfinite(end.clock)
         time = jnp.where(ends, end.clock * (scene.length / y), 0.0)
-        found = found._replace(duration=time)
+        collision = collision._replace(duration=time)
     if force:
-        pull = jnp.where(found.answered, _largest_force(scene, route), 0.0)
-        found = found._replace(force=pull)
-    return found
+        pull = jnp.where(collision.answered, _largest_force(scene, route), 0.0)
+        collision = collision._replace(force=pull)
+    return collision
 
 
 def _assembled(scene: _Scene, peak: States, end: States, arrived, route) -> Collision:

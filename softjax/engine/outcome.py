@@ -89,14 +89,14 @@ def stated(energy: Numbers, peak, residual, duration=None, force=None) -> Collis
     )
 
 
-def slow_units(law, found: Collision, below: Numbers) -> Units:
+def slow_units(law, collision: Collision, below: Numbers) -> Units:
     """Of slow impacts over the lifted ones that they stand for, by the power law near rest.
 
     Args:
         below: y over that of the lifted impact.
     """
-    answered = found.answered
-    far = safe_power(below, 2 / law.exponent_at(jnp.where(answered, found.peak, 1.0)))
+    answered = collision.answered
+    far = safe_power(below, 2 / law.exponent_at(jnp.where(answered, collision.peak, 1.0)))
     overlap = jnp.where(answered, far, 1.0)
     return Units(far / jnp.where(below > 0, below, 1.0), overlap, below, below * below / overlap)
 
@@ -235,15 +235,15 @@ def release(law: ReducedRateIndependent, peak: Numbers, search: Callable) -> Rel
     return decided(law, peak, Release(residual, recovered, residual > 0))
 
 
-def decided(law: ReducedRateIndependent, peak: Numbers, found: Release) -> Release:
+def decided(law: ReducedRateIndependent, peak: Numbers, candidate: Release) -> Release:
     """The same where the law itself states whether the unloading force vanishes."""
     stated = law.releases(peak)
-    released = found.released if stated is None else jnp.broadcast_to(stated, peak.shape)
+    released = candidate.released if stated is None else jnp.broadcast_to(stated, peak.shape)
     return Release(
-        residual=jnp.where(released, found.residual, 0.0),
-        recovered=jnp.where(released, found.recovered, peak),
+        residual=jnp.where(released, candidate.residual, 0.0),
+        recovered=jnp.where(released, candidate.recovered, peak),
         released=released,
-        clean=found.clean | ~released,
+        clean=candidate.clean | ~released,
     )
 
 
@@ -262,9 +262,9 @@ def searched(law: ReducedRateIndependent, peak: Numbers) -> Release:
     def rule(params, tangents):
         x, recovered = root(*params)
         # where there is none, somewhere else: what is not used must be a number all the same
-        found = x > 0
-        place = jnp.where(found, x, 0.5 * params[0]), jnp.where(found, recovered, 0.5 * params[0])
-        change = jnp.where(found, _motion(force, place, params, tangents), 0.0)
+        exists = x > 0
+        place = jnp.where(exists, x, 0.5 * params[0]), jnp.where(exists, recovered, 0.5 * params[0])
+        change = jnp.where(exists, _motion(force, place, params, tangents), 0.0)
         return (x, recovered), (change, tangents[0] - change)
 
     x, recovered = root(peak, *leaves)

@@ -110,9 +110,9 @@ def over_angle(
         return rates(plane, u, state[0])[: len(state)]
 
     begin = (states.radius,) if states.clock is None else (states.radius, states.clock)
-    found, solved = solve(field, start, stop, begin, route, save, smooth=plane.smooth)
+    solution, solved = solve(field, start, stop, begin, route, save, smooth=plane.smooth)
     way = stop if save is None else start + (stop - start) * save
-    return States(way, *found), solved
+    return States(way, *solution), solved
 
 
 def rates(plane: Plane, u: Array, radius: Array) -> tuple[Array, Array]:
@@ -158,8 +158,8 @@ def to_zero_force(
 
     begin = tuple(state for state in states if state is not None)
     way = jnp.maximum(first, ASIDE)  # a force that pulls at once ends the contact at its peak
-    found, solved = solve(field, jnp.zeros_like(way), way, begin, route, save)
-    return States(*found), solved & jnp.all(jnp.isfinite(found[0]))
+    solution, solved = solve(field, jnp.zeros_like(way), way, begin, route, save)
+    return States(*solution), solved & jnp.all(jnp.isfinite(solution[0]))
 
 
 def _after(u: Array) -> Array:

@@ -41,10 +41,10 @@ def _series(name: str) -> tuple[tuple[float, ...], float, float]:
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _clenshaw(coefficients: tuple[float, ...], x: Array) -> Array:
     """Σ c_j T_j(x), |x| <= 1, by Clenshaw's recurrence."""
-    after, found = jnp.zeros_like(x), jnp.zeros_like(x)
+    after, value = jnp.zeros_like(x), jnp.zeros_like(x)
     for c in coefficients[:0:-1]:
-        after, found = found, 2 * x * found - after + c
-    return x * found - after + coefficients[0]
+        after, value = value, 2 * x * value - after + c
+    return x * value - after + coefficients[0]
 
 
 @_clenshaw.defjvp

@@ -234,8 +234,8 @@ class RateDependentLaw(ForceLaw):
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
         cls._check_given_once(RateDependentLaw, "force")
-        own = vars(cls)
-        if "closed_form" not in own and {"force", "reduced", "reduced_at"} & own.keys():
+        defined = vars(cls).keys()
+        if "closed_form" not in defined and {"force", "reduced", "reduced_at"} & defined:
             cls.closed_form = RateDependentLaw.closed_form
 
     def __check_init__(self):

@@ -99,13 +99,13 @@ class LinearSpringDashpot(RateDependentLaw, final=True):
         return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
 
     def closed_form(self, velocity: Numbers) -> KnownCollision:
-        found = damped(self.restitution, self.end)
+        collision = damped(self.restitution, self.end)
         radian = quotient(*self.scales())  # 1/ω0 [s]
         return KnownCollision(
-            coefficient=found.restitution,
-            peak_overlap=velocity * radian * found.peak,
-            residual_overlap=velocity * radian * found.residual,
-            duration=radian * found.end * root(found.loss) / math.pi,
+            coefficient=collision.restitution,
+            peak_overlap=velocity * radian * collision.peak,
+            residual_overlap=velocity * radian * collision.residual,
+            duration=radian * collision.end * root(collision.loss) / math.pi,
         )
 
 
@@ -181,12 +181,12 @@ class HertzDashpot(RateDependentLaw, final=True):
 
     def closed_form(self, velocity: Numbers) -> KnownCollision:
         motion = hertz_motion(self.contact, velocity)
-        found = damped(self.restitution, self.end)
+        collision = damped(self.restitution, self.end)
         return KnownCollision(
-            coefficient=found.restitution,
-            peak_overlap=motion.overlap * found.peak**0.8,
-            residual_overlap=motion.overlap * safe_power(found.residual, 0.8),
-            duration=motion.time * _duration(found, self.end),
+            coefficient=collision.restitution,
+            peak_overlap=motion.overlap * collision.peak**0.8,
+            residual_overlap=motion.overlap * safe_power(collision.residual, 0.8),
+            duration=motion.time * _duration(collision, self.end),
         )
 
 
@@ -226,9 +226,9 @@ def damped(restitution: Array, end: str) -> Damped:
     if end == "zero-overlap":
         whole = jnp.full_like(to_peak, math.pi)
         return Damped(loss, restitution, peak, jnp.zeros_like(peak), to_peak, whole)
-    found = peak * peak
-    residual = 2 * loss * found / root(loss)
-    return Damped(loss, found, peak, residual, to_peak, 2 * to_peak)
+    to_zero_force = peak * peak
+    residual = 2 * loss * to_zero_force / root(loss)
+    return Damped(loss, to_zero_force, peak, residual, to_peak, 2 * to_peak)
 
 
 @jax.custom_jvp

@@ -82,9 +82,9 @@ def answer(law, method: str, *values: Numbers):
         codes = [frame.f_code for frame, _ in walk_tb(error.__traceback__)]
         # the innermost method of the law: a force may call another one
         methods = (
-            one.co_name
-            for one in reversed(codes)
-            if getattr(getattr(type(law), one.co_name, None), "__code__", None) is one
+            code.co_name
+            for code in reversed(codes)
+            if getattr(getattr(type(law), code.co_name, None), "__code__", None) is code
         )
         raise ArgumentError(
             f"`{type(law).__name__}.{next(methods, method)}` must be written with jax.numpy, as JAX traces its values: "
@@ -97,7 +97,7 @@ def answer(law, method: str, *values: Numbers):
     kind, accepted = ANSWERS.get(method, (object, "a number"))
     numbers = (answer,) if kind is object else answer
     shape = np.broadcast_shapes(*map(np.shape, [*values, *numbers_of(law).values()]))
-    if not (isinstance(answer, kind) and all(_is_number(one, shape) for one in numbers)):
+    if not (isinstance(answer, kind) and all(_is_number(number, shape) for number in numbers)):
         raise ArgumentError(
             f"{name} must return {accepted} for each impact, but returns {_described(answer)}"
         )
@@ -111,9 +111,9 @@ def _is_number(value, shape: tuple[int, ...]) -> bool:
     kinds = (jnp.floating, jnp.integer)
     if not (hasattr(value, "dtype") and any(jnp.issubdtype(value.dtype, k) for k in kinds)):
         return False
-    own = np.shape(value)
-    return len(own) <= len(shape) and all(
-        n in (1, m) for n, m in zip(own[::-1], shape[::-1], strict=False)
+    own_shape = np.shape(value)
+    return len(own_shape) <= len(shape) and all(
+        n in (1, m) for n, m in zip(own_shape[::-1], shape[::-1], strict=False)
     )
 
 

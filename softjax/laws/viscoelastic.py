@@ -86,12 +86,12 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
         motion = hertz_motion(self.contact, velocity)
         # (k/M)^{2/5} v^{1/5} is (5/4)^{2/5} over the time of Hertz's collision
         rate = quotient(motion.whole.velocity, motion.whole.overlap)
-        found = _collision(_damping(1.5 * UNIT * self.dissipation_time, motion.pace, rate))
+        collision = _collision(_damping(1.5 * UNIT * self.dissipation_time, motion.pace, rate))
         return KnownCollision(
-            coefficient=found.restitution,
-            peak_overlap=motion.overlap / UNIT * found.peak,
-            residual_overlap=motion.overlap / UNIT * found.residual,
-            duration=motion.time / UNIT * found.duration,
+            coefficient=collision.restitution,
+            peak_overlap=motion.overlap / UNIT * collision.peak,
+            residual_overlap=motion.overlap / UNIT * collision.residual,
+            duration=motion.time / UNIT * collision.duration,
         )
 
 
@@ -148,12 +148,12 @@ def _collision(of: _Damping) -> _Viscous:
     w = safe_sqrt(jnp.where(tells, w_squared, 0.0))
     restitution = _logarithm("restitution", log, -5 / 3)
     pick = lambda strong, weak: jnp.where(of.is_strong, strong, weak)  # noqa: E731
-    found = pick(jnp.exp(restitution), _weak("restitution", w_squared, w))
+    epsilon = pick(jnp.exp(restitution), _weak("restitution", w_squared, w))
     return _Viscous(
-        restitution=found,
+        restitution=epsilon,
         peak=pick(jnp.exp(_logarithm("peak", log, -2 / 3)), series("weak peak", w_squared)),
         # where the force vanishes, x = -w² x'
-        residual=pick(jnp.exp(restitution + log), w_squared * found),
+        residual=pick(jnp.exp(restitution + log), w_squared * epsilon),
         duration=pick(
             _logarithm("duration", log, FREE) * jnp.exp(-2 / 3 * log),
             _weak("duration", w_squared, w),

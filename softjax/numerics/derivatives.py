@@ -82,10 +82,10 @@ def _of_active(single: Single, active: Sequence[int], primals):
 
 def directions(tangents, shared: Shared) -> Array:
     """One column for each direction that `value_and_slopes` takes, one row for each impact."""
-    count = next((len(t) for t, held in zip(tangents, shared, strict=True) if not held), 1)
+    count = next((len(t) for t, common in zip(tangents, shared, strict=True) if not common), 1)
     columns = [
-        jnp.broadcast_to(t.ravel(), (count, t.size)) if held else t[:, None]
-        for t, held in zip(tangents, shared, strict=True)
+        jnp.broadcast_to(t.ravel(), (count, t.size)) if common else t[:, None]
+        for t, common in zip(tangents, shared, strict=True)
     ]
     return jnp.concatenate(columns, -1)
 

@@ -50,8 +50,8 @@ def implicit_root(solve: Callable, residual: Callable, slope: Callable | None = 
 
     @root.defjvp
     def rule(params, tangents):
-        found = root(*params)
-        x = found[0] if isinstance(found, tuple) else found
+        result = root(*params)
+        x = result[0] if isinstance(result, tuple) else result
         if slope is None:
             _, steep = jax.jvp(lambda x: residual(x, *params), (x,), (jnp.ones_like(x),))
         else:
@@ -59,7 +59,7 @@ def implicit_root(solve: Callable, residual: Callable, slope: Callable | None = 
         _, moved = jax.jvp(lambda *p: residual(x, *p), params, tangents)
         flat = steep == 0
         change = jnp.where(flat, 0.0, -moved / jnp.where(flat, 1.0, steep))
-        return found, (change, -change) if isinstance(found, tuple) else change
+        return result, (change, -change) if isinstance(result, tuple) else change
 
     return root
 
@@ -125,8 +125,8 @@ def elementwise(f: Callable) -> Callable:
             x.reshape(axis_size, *(1,) * (most + 1 - x.ndim), *x.shape[1:]) if b else x
             for x, b in zip(values, batched, strict=True)
         ]
-        found = wrapped(*aligned)
-        return found, jax.tree.map(lambda _: True, found)
+        results = wrapped(*aligned)
+        return results, jax.tree.map(lambda _: True, results)
 
     return wrapped
 
@@ -302,21 +302,21 @@ def reach(force: Callable[[Array], Array], energy: Array, guess: Array) -> Reach
         return _look(force, energy, guess * jnp.exp2(octave), octave, below)
 
     def unfinished(state):
-        found, count = state
-        return (count < LEVELS) & ~found.settled
+        bracket, count = state
+        return (count < LEVELS) & ~bracket.settled
 
     def finer(state):
-        found, count = state
-        low, high, below = found.window
+        bracket, count = state
+        low, high, below = bracket.window
         return look(low + (high - low) * shares, below), count + 1
 
     octaves = _first_octaves(guess.dtype)
     first = _look(force, energy, guess * np.exp2(octaves), jnp.asarray(octaves), 0 * guess)
-    found, _ = lax.while_loop(unfinished, finer, (first, 0))
-    end = crossing(force, found.inside, found.outside)
-    ends = found.ends
-    top = jnp.where(ends, end, found.top)
-    return Reach(found.rough, jnp.where(ends, end, jnp.inf), found.turns, top)
+    bracket, _ = lax.while_loop(unfinished, finer, (first, 0))
+    end = crossing(force, bracket.inside, bracket.outside)
+    ends = bracket.ends
+    top = jnp.where(ends, end, bracket.top)
+    return Reach(bracket.rough, jnp.where(ends, end, jnp.inf), bracket.turns, top)
 
 
 def _first_octaves(dtype):
@@ -418,12 +418,12 @@ def crossing(force: Callable[[Array], Array], inside: Array, outside: Array) -> 
 
     middle, width = 0.5 * (inside + outside), jnp.abs(outside - inside)
     begin = _Crossing(middle, inside, outside, 0 * middle, width, width < 0, 0)
-    found = lax.while_loop(unfinished, look, begin)
+    end = lax.while_loop(unfinished, look, begin)
     # beyond its zero a force may be no number, as (x - x*)^{3/2} is: there the last that is one
-    back = found.at + jnp.sign(found.inside - found.at) * 2 * rounding * jnp.abs(found.at)
-    back = jnp.where(jnp.isnan(force(back)), found.inside, back)
-    last = jnp.where(jnp.isnan(force(found.at)), back, found.at)
-    return jnp.where(found.arrived, last, found.inside)
+    back = end.at + jnp.sign(end.inside - end.at) * 2 * rounding * jnp.abs(end.at)
+    back = jnp.where(jnp.isnan(force(back)), end.inside, back)
+    last = jnp.where(jnp.isnan(force(end.at)), back, end.at)
+    return jnp.where(end.arrived, last, end.inside)
 
 
 def last_zero(force: Callable[[Array, Array], Array], peak: Array) -> tuple[Array, Array]:
@@ -441,7 +441,7 @@ def last_zero(force: Callable[[Array, Array], Array], peak: Array) -> tuple[Arra
     near, far = (peak * jnp.asarray(part, peak.dtype) for part in _shares(peak.dtype))
     recovered, x = jnp.concatenate([near, peak - far]), jnp.concatenate([peak - near, far])
     gone = ~(jax.vmap(force)(x, recovered) > 0)
-    found, first = jnp.any(gone), jnp.argmax(gone)
+    exists, first = jnp.any(gone), jnp.argmax(gone)
     before = jnp.maximum(first - 1, 0)
     # by halves of what is the smaller, so that each has all its digits
     is_near = first < len(near)
@@ -452,9 +452,9 @@ def last_zero(force: Callable[[Array, Array], Array], peak: Array) -> tuple[Arra
         rest = peak - part
         return force(jnp.where(is_near, rest, part), jnp.where(is_near, part, rest))
 
-    part = crossing(pull, above, jnp.where(found, below, above))
+    part = crossing(pull, above, jnp.where(exists, below, above))
     x, recovered = jnp.where(is_near, peak - part, part), jnp.where(is_near, part, peak - part)
-    return jnp.where(found, x, 0.0), jnp.where(found, recovered, peak)
+    return jnp.where(exists, x, 0.0), jnp.where(exists, recovered, peak)
 
 
 def _shares(dtype) -> tuple[np.ndarray, np.ndarray]:
