@@ -112,7 +112,11 @@ Objective = Annotated[Literal["model", "two-step"] | None, BeforeValidator(_chec
 Route = Annotated[
     Any,
     BeforeValidator(_check_route),
-    PlainSerializer(lambda one: {"name": one.name, **vars(one)} if hasattr(one, "name") else one),
+    PlainSerializer(
+        lambda optimiser: (
+            {"name": optimiser.name, **vars(optimiser)} if hasattr(optimiser, "name") else optimiser
+        )
+    ),
     _names(ROUTES),
 ]
 Line = Annotated[

@@ -96,7 +96,7 @@ def _walk(model: type[BaseModel], place: Iterable[Any]) -> tuple[str, Mapping[st
     root = schema_of(model)
     name, schema = "", cast(Mapping[str, Any], root)
     for part in place:
-        below = (_inner(_resolved(one, root), part) for one in _parts(schema))
+        below = (_inner(_resolved(branch, root), part) for branch in _parts(schema))
         inner = next(filter(None, below), None)
         if inner is None and part not in _resolved(schema, root).get("properties", {part: 0}):
             name = f"{name}.{part}"  # an unknown key

@@ -151,7 +151,7 @@ def by_branches(problem: Problem, z) -> tuple[Branches, Branches]:
         around = Branches.joined(along)
         lowest = around.some([int(np.argmin(around.cost))])
         if len(elements) > 1:
-            lowest = min(lowest, _together(problem, lowest.z[0]), key=lambda one: one.cost[0])
+            lowest = min(lowest, _together(problem, lowest.z[0]), key=lambda tried: tried.cost[0])
         if not lowest.cost[0] < best.cost[0] * (1 - LOWER):
             break
         best = lowest

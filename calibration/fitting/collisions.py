@@ -40,7 +40,7 @@ BENT_SQUARED = 1e-7  # the same of what a fit is judged by
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 # one data set: how many points it has, its contact, and of each local parameter, by name, which
-# element of the fit it is (-1: held), and at what it is held, one number or one a point
+# element of the fit it is (-1: fixed), and at what it is fixed, one number or one a point
 SetOfRows = tuple[int, sj.Contact | None, Mapping[str, tuple[int, Any]]]
 
 
@@ -56,8 +56,8 @@ class LawShape(NamedTuple):
     def of(cls, law: sj.ContactLaw) -> "LawShape":
         paths, tree = jax.tree_util.tree_flatten_with_path(law)
         names = tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in paths)
-        held = whole_fields(type(law))
-        whole = tuple(getattr(path[0], "name", "") in held for path, _ in paths)
+        whole_names = whole_fields(type(law))
+        whole = tuple(getattr(path[0], "name", "") in whole_names for path, _ in paths)
         return cls(tree, names, whole, law.default_route())
 
 
@@ -69,8 +69,8 @@ class Laws:
     contact: Mapping[str, np.ndarray] | None  # leaves of the contacts by name, each (rows,)
     area: str
     names: tuple[str, ...]  # of the local parameters, those of the contact among them
-    element: Int[np.ndarray, "q rows"]  # which element of the fit each is, -1 where it is held
-    held: Float[np.ndarray, "q rows"]  # at what
+    element: Int[np.ndarray, "q rows"]  # which element of the fit each is, -1 where it is fixed
+    fixed: Float[np.ndarray, "q rows"]  # at what
     row: Int[np.ndarray, "points"]  # of each point
     shape: Any = None  # see `bind`
     sizes: tuple[int, ...] = ()  # how many numbers each leaf of a law has
@@ -90,19 +90,19 @@ class Laws:
         contacts = [contact for _, contact, _ in sets if contact is not None]
         takes = model.takes_contact and len(contacts) == len(sets)
         names = tuple(sets[0][2])
-        element, held, leaves, row, first = [], [], [], [], 0
+        element, fixed, leaves, row, first = [], [], [], [], 0
         for k, (points, _, local) in enumerate(sets):
             which, values = zip(*(local[n] for n in names), strict=True) if names else ((), ())
-            own = [contacts[k].leaves()[name] for name in CONTACT_LEAVES] if takes else []
-            count = points if any(np.ndim(value) for value in [*values, *own]) else 1
-            for found, some in ((element, which), (held, values), (leaves, own)):
+            of_contact = [contacts[k].leaves()[name] for name in CONTACT_LEAVES] if takes else []
+            count = points if any(np.ndim(value) for value in [*values, *of_contact]) else 1
+            for stack, some in ((element, which), (fixed, values), (leaves, of_contact)):
                 rows = [np.broadcast_to(np.asarray(value, float), count) for value in some]
-                found.append(np.array(rows).reshape(len(some), count))
+                stack.append(np.array(rows).reshape(len(some), count))
             row.append(first + (np.arange(count) if count > 1 else np.zeros(points, int)))
             first += count
-        elements, numbers, of_contacts = (np.hstack(parts) for parts in (element, held, leaves))
+        elements, numbers, of_contacts = (np.hstack(parts) for parts in (element, fixed, leaves))
         contact = dict(zip(CONTACT_LEAVES, of_contacts, strict=True)) if takes else None
-        areas = sorted({one.area for one in contacts})
+        areas = sorted({contact.area for contact in contacts})
         if len(areas) > 1:
             raise DataError("area", areas, "the same for contacts that share a parameter")
         area = areas[0] if areas else "zhou"
@@ -116,11 +116,11 @@ class Laws:
     def law(self, theta: Any, rows: Any, xp: Any = np) -> sj.ContactLaw:
         """The law of one row, of single numbers, or of several, of arrays; of NumPy or JAX."""
         values: dict[str, Any] = {}
-        for name, element, held in zip(self.names, self.element, self.held, strict=True):
+        for name, element, fixed in zip(self.names, self.element, self.fixed, strict=True):
             at = np.ravel(rows)[0] if "[" in name else rows  # networks are whole for all rows
-            place, values[name] = element[at], held[at]
+            place, values[name] = element[at], fixed[at]
             if np.any(place >= 0):
-                values[name] = xp.where(place >= 0, theta[place], held[at])
+                values[name] = xp.where(place >= 0, theta[place], fixed[at])
         contact = None
         if self.contact is not None:
             leaves = {name: leaf[rows] for name, leaf in self.contact.items()}
@@ -146,15 +146,15 @@ class Laws:
                 self, shape=shape, sizes=sizes, free=tuple(free), moving=tuple(moving), direct=True
             )
         every = tuple(range(len(sizes))) if free else ()
-        found = replace(self, shape=shape, sizes=sizes, free=tuple(free), moving=every)
+        laws = replace(self, shape=shape, sizes=sizes, free=tuple(free), moving=every)
         if not free:
-            return found
+            return laws
         random = np.random.default_rng(0)
         near = np.asarray(theta) * (1 + 0.1 * random.random((PROBES, len(theta))))
-        slopes = found.leaves(near)[1]
+        slopes = laws.leaves(near)[1]
         assert slopes is not None
         acts = np.split(np.any(slopes != 0, axis=(0, 1, 3)), np.cumsum(sizes)[:-1])
-        return replace(found, moving=tuple(k for k, part in enumerate(acts) if np.any(part)))
+        return replace(laws, moving=tuple(k for k, part in enumerate(acts) if np.any(part)))
 
     def leaves(self, theta: Float[np.ndarray, "fits p"]):
         """Leaves of the laws, a list of (fits, rows, ...), and their slopes in the free local parameters.
@@ -163,7 +163,7 @@ class Laws:
         """
         padded = np.concatenate([theta, np.zeros((len(theta), 1))], axis=1)
         at_element = np.moveaxis(padded[:, self.element], 1, 0)
-        local = np.where(self.element[:, None] >= 0, at_element, self.held[:, None])
+        local = np.where(self.element[:, None] >= 0, at_element, self.fixed[:, None])
         fits, count = local.shape[1:]
         contact = self.contact or {}
         if self.direct:
@@ -240,11 +240,11 @@ def expand(
             leaf if shape.whole[k] and k not in moving else _filled(leaf[rows], size)
             for k, leaf in enumerate(leaves)
         ]
-        held = None if elastic is None else _filled(elastic[rows], size)
+        branches = None if elastic is None else _filled(elastic[rows], size)
         by_time = isinstance(route, sj.ODE)
         block = _compiled(size, by_time or any(shape.whole[k] for k in moving))
         at = _filled(velocity[rows], size)
-        begun.append(block(some, at, held, shape, moving, route, observable))
+        begun.append(block(some, at, branches, shape, moving, route, observable))
         filled.append(rows.stop - rows.start)
     # all blocks have begun before the first is waited for
     pairs = zip(begun, filled, strict=True)

@@ -116,7 +116,7 @@ def band(
         at = lambda v: curve_and_slopes(material, v, route, observable)[0]  # noqa: E731
         scale = 1.0 if is_eps else value**2  # variances of others are relative
         variances = further_variances(material, velocity, at, observable)
-        added = {name: scale * one for name, one in variances.items()}
+        added = {name: scale * variance for name, variance in variances.items()}
         error = np.sqrt(carried + sum(added.values()))
         degrees = freedom.degrees(labels, slope, error**2, block, added)
         if of_noise is not None:
@@ -158,7 +158,7 @@ def of_each_impact(material: MaterialFit) -> set[int]:
 
 def distinct_impacts(material: MaterialFit) -> list[int]:
     """The first impact of each kind of bodies and parameters; none where all impacts share them."""
-    columns = [np.round(np.log(np.abs(one) + 1e-300), 9) for one in _differing(material)]
+    columns = [np.round(np.log(np.abs(value) + 1e-300), 9) for value in _differing(material)]
     if not columns:
         return []
     return sorted(np.unique(np.stack(columns, axis=1), axis=0, return_index=True)[1].tolist())
@@ -166,14 +166,14 @@ def distinct_impacts(material: MaterialFit) -> list[int]:
 
 def of_impact(material: MaterialFit, impact: int) -> MaterialFit:
     """The fit with the bodies and parameters of one of its impacts for all velocities."""
-    one = lambda value: value[impact] if np.ndim(value) else value  # noqa: E731
+    pick = lambda value: value[impact] if np.ndim(value) else value  # noqa: E731
     data, contact = material.data, material.data.contact
     if contact is not None:
-        leaves = {name: float(one(leaf)) for name, leaf in contact.leaves().items()}
+        leaves = {name: float(pick(leaf)) for name, leaf in contact.leaves().items()}
         contact = sj.Contact(**leaves, area=contact.area)
-    limit = None if data.limit_velocity is None else float(one(data.limit_velocity))
+    limit = None if data.limit_velocity is None else float(pick(data.limit_velocity))
     data = replace(data, contact=contact, limit_velocity=limit, bodies=(), plausibility=False)
-    return replace(material, data=data, values={k: one(v) for k, v in material.values.items()})
+    return replace(material, data=data, values={k: pick(v) for k, v in material.values.items()})
 
 
 class ModulusByTimes(NamedTuple):
@@ -192,22 +192,22 @@ def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
     contact, observed = material.data.contact, material.observed.get("contact_time")
     if contact is None or observed is None or OF_CONTACT + "youngs_modulus" in material.labels:
         return None
-    one = next(one for one in material.data.observed if one.name == "contact_time")
+    block = next(block for block in material.data.observed if block.name == "contact_time")
 
     def times(factor: float) -> np.ndarray:
         moved = replace(contact, youngs_modulus=np.asarray(contact.youngs_modulus) * factor)
         law = replace(material, data=replace(material.data, contact=moved)).law
         with jax.enable_x64(True):
             hit = sj.restitution(law, material.data.velocity)
-            return np.log(np.asarray(hit.duration)[one.rows])
+            return np.log(np.asarray(hit.duration)[block.rows])
 
     slope = (times(1 + MODULUS_STEP) - times(1 - MODULUS_STEP)) / (2 * MODULUS_STEP)
-    stated = 0.0 if one.uncertainty is None else one.uncertainty / one.value
+    stated = 0.0 if block.uncertainty is None else block.uncertainty / block.value
     weight = slope / ((observed.noise or 0.0) ** 2 + stated**2)
     total = float(np.sum(weight * slope))
     if not total > 0 or np.max(np.abs(slope)) < LEAST_SLOPE:
         return None
-    off = float(np.sum(weight * (np.log(one.value) - times(1.0)))) / total
+    off = float(np.sum(weight * (np.log(block.value) - times(1.0)))) / total
     return ModulusByTimes(off, total**-0.5)
 
 
@@ -235,13 +235,13 @@ def further_variances(
     value = data.restitution[np.isfinite(data.restitution)]
     if observable != RESTITUTION:
         of_data = material.observed[observable].variances
-        observed = next(one for one in data.observed if one.name == observable)
+        observed = next(block for block in data.observed if block.name == observable)
         value = observed.value
     errors = Errors.of(data, observed=observed)
-    found = {kind: np.full(len(velocity), mean) for kind, mean in of_data.items()}
-    kind = next((name for name in found if name not in ("scatter", "group")), None)
+    variances = {kind: np.full(len(velocity), mean) for kind, mean in of_data.items()}
+    kind = next((name for name in variances if name not in ("scatter", "group")), None)
     if kind is None or (errors.points.uncertainty is None and kind != "timing"):
-        return found
+        return variances
 
     def variance(velocity: Velocity) -> Velocity:
         down, middle, up = (curve(velocity * (1 + side * STEP)) for side in (-1, 0, 1))
@@ -250,10 +250,10 @@ def further_variances(
         planned = like_measured(*measured, velocity, middle, material.timing)
         return planned.variance(slope)
 
-    found[kind] = variance(np.maximum(velocity, SLOWEST * np.max(errors.velocity)))
+    variances[kind] = variance(np.maximum(velocity, SLOWEST * np.max(errors.velocity)))
     if kind == "scale":
-        found[kind] = found[kind] * of_data[kind] / np.mean(variance(errors.velocity))
-    return found
+        variances[kind] = variances[kind] * of_data[kind] / np.mean(variance(errors.velocity))
+    return variances
 
 
 def like_measured(
@@ -293,18 +293,19 @@ def like_measured(
         return PointErrors.alone(len(at), u, u_v)
     gravity = _gravity(errors, velocity)
     table = _readings(errors.kind, at, np.maximum(expected, LEAST_REBOUND), gravity)
-    own = {"uncertainty": u, "velocity_uncertainty": u_v}
-    own = {name: column for name, column in own.items() if column is not None}
+    stated = {"uncertainty": u, "velocity_uncertainty": u_v}
+    stated = {name: column for name, column in stated.items() if column is not None}
     options: dict[str, Any] = {"gravity": gravity}
     if errors.kind in ("intervals", "times"):
         per = len(table["launch"]) // len(at)
-        own = {name: np.repeat(column, per) for name, column in own.items()}
+        stated = {name: np.repeat(column, per) for name, column in stated.items()}
         options["timing_uncertainty"] = timing if errors.size is None else np.median(errors.size)
     else:
         were = _readings(errors.kind, velocity, restitution, gravity)
         sizes = zip(table, errors.sizes(0.0)[errors.index[:, :2]].T, strict=True)
-        own |= {f"{name}_uncertainty": like(u, were[name], table[name]) for name, u in sizes}
-    planned = RestitutionData.from_table(table | own, plausibility=False, name="planned", **options)
+        stated |= {f"{name}_uncertainty": like(u, were[name], table[name]) for name, u in sizes}
+    table |= stated
+    planned = RestitutionData.from_table(table, plausibility=False, name="planned", **options)
     return planned.errors
 
 

@@ -295,9 +295,9 @@ class Errors:
             alone = factor.lower**-2.0
         if factor.level is None:
             return alone
-        own = self._solved(factor.lower, factor.level[..., None], xp, turned=True)[..., 0]
+        deviations = self._solved(factor.lower, factor.level[..., None], xp, turned=True)[..., 0]
         share = factor.offset / (1 + factor.offset * factor.per)
-        return alone - share[..., self.group] * own**2
+        return alone - share[..., self.group] * deviations**2
 
     def scores(self, factor: Factor, s: Variances, slope: Any, off: Any) -> tuple[Any, Any]:
         """∂(-ln p)/∂g and ∂(-ln p)/∂c of each point, of normal errors; for NumPy."""
@@ -426,20 +426,20 @@ class Errors:
         codes = np.unique(csgraph.connected_components(ties, False)[1][:n], return_inverse=True)[1]
         order = np.argsort(codes, kind="stable")
         every = np.split(order, np.flatnonzero(np.diff(codes[order])) + 1)
-        found = []
-        for width in sorted({len(one) for one in every}):
-            members = np.array([one for one in every if len(one) == width])
+        launches = []
+        for width in sorted({len(rows) for rows in every}):
+            members = np.array([rows for rows in every if len(rows) == width])
             local = np.full((*members.shape, index.shape[1]), -1)
             for b, own in enumerate(index[members]):
                 local[b] = np.where(own >= 0, np.searchsorted(np.unique(own[own >= 0]), own), -1)
             incidence = local[..., None] == np.arange(int(local.max()) + 1)
-            found.append((members, incidence.astype(float)))
-        return found
+            launches.append((members, incidence.astype(float)))
+        return launches
 
     @cached_property
     def _back(self) -> np.ndarray:
         """Position of each point among the members of the launches."""
-        return np.argsort(np.concatenate([one.ravel() for one, _ in self._launches]))
+        return np.argsort(np.concatenate([members.ravel() for members, _ in self._launches]))
 
     @cached_property
     def _order(self) -> np.ndarray:
@@ -461,13 +461,13 @@ class Errors:
         """V of the launches without the groups' part."""
         f = self._factors(s, slope, xp)
         alone = self.variance(s, slope, bend) + xp.zeros(len(self)) - (f**2).sum(-1)
-        found = []
+        blocks = []
         for members, incidence in self._launches:
             spread = xp.einsum("...bik,bike->...bie", f[..., members, :], incidence)
             variance = alone[..., members, None]
             block = spread @ xp.swapaxes(spread, -1, -2)
-            found.append(block + variance * np.eye(members.shape[1]))
-        return found
+            blocks.append(block + variance * np.eye(members.shape[1]))
+        return blocks
 
     def _solved(self, lower: Any, x: Any, xp: Any, turned: bool = False) -> Any:
         """L⁻¹ x, or L⁻ᵀ x."""
@@ -485,8 +485,8 @@ class Errors:
 
     def _by_launch(self, of_block: Any, lower: Any, x: Any, xp: Any) -> Any:
         parts = []
-        for one, (members, _) in zip(lower, self._launches, strict=True):
-            rows = of_block(one, x[..., members, :])
+        for factor, (members, _) in zip(lower, self._launches, strict=True):
+            rows = of_block(factor, x[..., members, :])
             parts.append(rows.reshape(*rows.shape[:-3], -1, rows.shape[-1]))
         return xp.concatenate(parts, -2)[..., self._back, :]
 

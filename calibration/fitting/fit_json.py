@@ -36,7 +36,7 @@ from calibration.parameters import Parameter
 from calibration.schema import Real, Strict, faults
 
 FORMAT = 1
-BESIDE = tuple(name for one in OBSERVED for name in (one, f"{one}_uncertainty"))
+BESIDE = tuple(name for observed in OBSERVED for name in (observed, f"{observed}_uncertainty"))
 LARGEST = 24 * MIB
 OF_POINTS = ("standardised", "leverage")
 AS_THEY_ARE = (
@@ -104,12 +104,12 @@ class DataRecord(Strict):
             data,
             bodies=[{"name": b.name, "radius": b.radius, **vars(b.material)} for b in data.bodies],
             errors=data.errors if np.any(data.errors.index >= 0) else None,
-            observed={name: one for name, one in observed.items() if one is not None},
+            observed={name: column for name, column in observed.items() if column is not None},
         )
 
     def data(self, name: str) -> RestitutionData:
         """The data set that the record describes; it was checked once."""
-        entries = {key: np.array(one) if isinstance(one, list) else one for key, one in self}
+        entries = {key: np.array(x) if isinstance(x, list) else x for key, x in self}
         entries |= _arrays(entries.pop("observed"))
         if self.errors is not None:
             entries |= {"uncertainty": None, "velocity_uncertainty": None}
@@ -118,7 +118,7 @@ class DataRecord(Strict):
             "restitution": np.array(self.restitution, float),
             "contact": self.contact
             and sj.Contact(**_arrays(self.contact) | {"area": self.contact.get("area")}),
-            "bodies": tuple(_body(**_arrays(one)) for one in self.bodies),
+            "bodies": tuple(_body(**_arrays(body)) for body in self.bodies),
             "group": self.group,
         }
         return RestitutionData(**entries, name=name, plausibility=False)
@@ -160,7 +160,7 @@ class FitRecord(Strict):
 
     @classmethod
     def record_of(cls, fit: MaterialFit) -> dict[str, Any]:
-        units = {name: one.unit for name, one in fit.model.parameters.items() if one.unit != "-"}
+        units = {name: p.unit for name, p in fit.model.parameters.items() if p.unit != "-"}
         return _by_names(
             cls,
             fit,
@@ -177,7 +177,7 @@ class FitRecord(Strict):
         values, (known_from, known_to) = _arrays(self.values), self.known
         model = law_model(data, _law(self.law, law), self.options, values).with_units(self.units)
         common = {field.name for field in fields(MaterialFit)} & set(FitRecord.model_fields)
-        found = MaterialFit(
+        result = MaterialFit(
             **{name: getattr(self, name) for name in common - {"data", "values"}},
             data=data,
             model=replace(model, trees=_trees(values, law)),
@@ -185,8 +185,8 @@ class FitRecord(Strict):
             known_from=known_from,
             known_to=math.inf if known_to is None else known_to,
         )
-        found.law  # noqa: B018  # that there can be one
-        return found
+        result.law  # noqa: B018  # that there can be one
+        return result
 
 
 class FreedomRecord(Strict):
@@ -213,14 +213,14 @@ class RequestRecord(Strict):
         stated = stated_parameters(request.parameters, request.datasets)
         options = request.options.model_dump(mode="json", exclude={"law"})
         options |= {"law": law_name(request.options.law)}
-        tables = [{name: _parameter_entry(one) for name, one in each.items()} for each in stated]
+        tables = [{name: _parameter_entry(p) for name, p in each.items()} for each in stated]
         return {"parameters": tables, "options": options}
 
     def request(self, datasets: tuple[RestitutionData, ...], law: Any) -> Request:
         given = self.options | {"law": _law(self.options.get("law"), law)}
         if isinstance(given.get("route"), dict):
             given["route"] = route_named(**given["route"])
-        stated = [{name: _parameter(one) for name, one in each.items()} for each in self.parameters]
+        stated = [{name: _parameter(p) for name, p in each.items()} for each in self.parameters]
         return Request(datasets, stated, FitOptions.of(**given))
 
 
@@ -265,8 +265,8 @@ def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
         freedom=result.freedoms,
         request=RequestRecord.record_of(result.request),
     )
-    found = plain(table)
-    return found if times else {key: value for key, value in found.items() if key != "times"}
+    entries = plain(table)
+    return entries if times else {key: value for key, value in entries.items() if key != "times"}
 
 
 def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
@@ -280,15 +280,15 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
     try:
         file = ResultFile.model_validate_json(text, strict=True)
         _check(file)
-        datasets = tuple(one.data.data(one.material) for one in file.fits)
+        datasets = tuple(entry.data.data(entry.material) for entry in file.fits)
         pairs = zip(file.fits, datasets, strict=True)
         return {name: getattr(file, name) for name in AS_THEY_ARE} | {
             "request": file.request.request(datasets, law),
-            "materials": tuple(one.fit(data, law) for one, data in pairs),
+            "materials": tuple(entry.fit(data, law) for entry, data in pairs),
             "covariance_names": file.covariance.names,
             "covariance": file.covariance.matrix,
             "of_predictions": file.covariance_of_predictions,
-            "freedoms": tuple(one.freedom() for one in file.freedom),
+            "freedoms": tuple(entry.freedom() for entry in file.freedom),
         }
     except ValidationError as error:
         raise _refusal(path, error) from None
@@ -317,27 +317,27 @@ def _no_result(path: str | Path, error: DataError) -> InputError:
     return InputError(path, None, problem, f"it must be {error.accepted}; {OWN}")
 
 
-def _check(found: ResultFile) -> None:
+def _check(file: ResultFile) -> None:
     """Refuse numbers of entries that do not go together.
 
     Raises:
         DataError: naming the place, what stands there and what is accepted.
     """
-    names, count = found.covariance.names, len(found.covariance.names)
-    materials = [fit.material for fit in found.fits]
+    names, count = file.covariance.names, len(file.covariance.names)
+    materials = [fit.material for fit in file.fits]
     for place, values in (("covariance.names", names), ("fits.material", materials)):
         if len(set(values)) != len(values):
             raise DataError(place, values, "each name once")
-    level = found.request.options.get("confidence")
-    if found.confidence != level:
-        raise DataError("confidence", found.confidence, f"{level}, as request.options.confidence")
+    level = file.request.options.get("confidence")
+    if file.confidence != level:
+        raise DataError("confidence", file.confidence, f"{level}, as request.options.confidence")
     lengths: list[tuple[str, Any, int]] = [
-        ("request.parameters", found.request.parameters, len(found.fits)),
-        ("covariance.matrix", found.covariance.matrix, count),
-        ("covariance_of_predictions", found.covariance_of_predictions, count),
-        ("freedom.labels", [name for one in found.freedom for name in one.labels], count),
+        ("request.parameters", file.request.parameters, len(file.fits)),
+        ("covariance.matrix", file.covariance.matrix, count),
+        ("covariance_of_predictions", file.covariance_of_predictions, count),
+        ("freedom.labels", [name for entry in file.freedom for name in entry.labels], count),
     ]
-    for i, fit in enumerate(found.fits):
+    for i, fit in enumerate(file.fits):
         columns: list[tuple[str, Any]] = [("data.velocity", fit.data.velocity)]
         if not fit.data.observed:
             columns += [(name, getattr(fit, name)) for name in ("status", *OF_POINTS)]
@@ -351,11 +351,11 @@ def _check(found: ResultFile) -> None:
             if not isinstance(fit.values.get(name), float) or label not in names:
                 accepted = "of values and covariance.names"
                 raise DataError(f"fits[{i}].labels", f"{name}: {label}", accepted)
-    for i, one in enumerate(found.freedom):
+    for i, entry in enumerate(file.freedom):
         for name in ("parts", "relative", "sets"):
-            lengths.append((f"freedom[{i}].{name}", getattr(one, name), len(one.names)))
-        for k, part in enumerate(one.parts):
-            lengths.append((f"freedom[{i}].parts[{k}]", part, len(one.labels)))
+            lengths.append((f"freedom[{i}].{name}", getattr(entry, name), len(entry.names)))
+        for k, part in enumerate(entry.parts):
+            lengths.append((f"freedom[{i}].parts[{k}]", part, len(entry.labels)))
     for place, values, expected in lengths:
         if len(values) != expected:
             raise DataError(place, f"of {len(values)}", f"of {expected}")
@@ -368,7 +368,7 @@ def _by_names(record: type[Strict], thing: Any, **table: Any) -> dict[str, Any]:
 
 
 def _arrays(table: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: np.array(one) if isinstance(one, list) else one for key, one in table.items()}
+    return {key: np.array(x) if isinstance(x, list) else x for key, x in table.items()}
 
 
 def _body(name: str, radius: Any, **leaves: Any) -> Body:

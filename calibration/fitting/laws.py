@@ -128,16 +128,16 @@ class LawModel:
 
     def inside(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The parameters, with a value at an excluded end of its range moved to the nearest number inside."""
-        found = dict(values)
+        moved = dict(values)
         for name, value in values.items():
             if "[" in name or np.ndim(value):
                 continue
             declared = self.declared(name)
             if value == declared.lower and not declared.with_lower:
-                found[name] = np.nextafter(value, np.inf) if value else np.finfo(float).tiny
+                moved[name] = np.nextafter(value, np.inf) if value else np.finfo(float).tiny
             elif value == declared.upper and not declared.with_upper:
-                found[name] = np.nextafter(value, -np.inf)
-        return found
+                moved[name] = np.nextafter(value, -np.inf)
+        return moved
 
     def declared(self, name: str) -> Declared:
         """Declaration of a parameter: symbol, unit and range."""
@@ -197,7 +197,7 @@ def model_of(
         options = {n: v for n, v in every.items() if isinstance(v, str | bool)} | dict(given)
         names = [name for name in every if name != "contact" and name not in options]
         ones = {name: 1.0 if every[name] is missing else every[name] for name in names}
-        whole = tuple(name for name, one in ones.items() if np.ndim(one))
+        whole = tuple(name for name, value in ones.items() if np.ndim(value))
         bodies = {"contact": contact} if "contact" in every else {}
         with jax.enable_x64(True):
             law = jax.eval_shape(lambda some: build(**some, **options), bodies | ones)
@@ -222,10 +222,10 @@ def _arguments(build: Callable[..., Any], key: str) -> dict[str, Any]:
     """The arguments of a function, with their defaults."""
     arguments = inspect.signature(build).parameters
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    odd = [name for name, one in arguments.items() if one.kind not in kinds]
+    odd = [name for name, argument in arguments.items() if argument.kind not in kinds]
     if odd:
         raise DataError("law", f"{key} with the argument {odd[0]}", "a function of named arguments")
-    return {name: one.default for name, one in arguments.items()}
+    return {name: argument.default for name, argument in arguments.items()}
 
 
 def _options(law: type, key: str, given: Mapping[str, str]) -> dict[str, str]:
@@ -251,7 +251,7 @@ class Known:
     law: type
     label: str  # its name in tables and pictures
     guess: FromData = lambda _: {}  # where a search starts
-    held: FromData = lambda _: {}  # what ε does not determine, with the value it is held at
+    fixed: FromData = lambda _: {}  # what ε does not determine, with the value it is fixed at
     ranges: FromData = lambda _: {}  # ends of a parameter's range
     remark: str = ""  # what a reader of a comparison should know
 
@@ -260,7 +260,7 @@ def _measured(data: RestitutionData, *more: Any) -> tuple[np.ndarray, ...]:
     """v, ε and more of the impacts with an ε; of one of a half where there is none."""
     rows = np.flatnonzero(np.isfinite(data.restitution))
     rows = rows if len(rows) else np.array([0])
-    each = (np.broadcast_to(np.asarray(one, float), len(data))[rows] for one in more)
+    each = (np.broadcast_to(np.asarray(column, float), len(data))[rows] for column in more)
     return data.velocity[rows], np.nan_to_num(data.restitution[rows], nan=0.5), *each
 
 
@@ -370,7 +370,7 @@ KNOWN: dict[str, Known] = {
         sj.WaltonBraun,
         "Walton–Braun",
         _guess_walton_braun,
-        held=_unless_observed("loading_stiffness"),
+        fixed=_unless_observed("loading_stiffness"),
         ranges=lambda data: (
             {} if data.observed else {"unloading_stiffness": (_spring(data), np.inf)}
         ),
@@ -388,7 +388,7 @@ KNOWN: dict[str, Known] = {
         sj.LinearSpringDashpot,
         "linear spring–dashpot",
         lambda data: {"restitution": _mean(data), "stiffness": _spring(data)},
-        held=_unless_observed("stiffness"),
+        fixed=_unless_observed("stiffness"),
         remark="ε is an input of the law, the same at all velocities; it does not determine K.",
     ),
     "constant": Known(
@@ -401,7 +401,7 @@ KNOWN: dict[str, Known] = {
         sj.EmpiricalRestitution,
         "Eq. (17), empirical",
         _losses,
-        held=_limit,
+        fixed=_limit,
         ranges=_beyond_fastest,
         remark="A formula without a collision, as a baseline.",
     ),
@@ -415,7 +415,7 @@ def law_name(law: Any) -> str | None:
     """The name by which files call a law."""
     if law is None or isinstance(law, str):
         return law
-    built_in = next((key for key, one in LAWS.items() if one is law), None)
+    built_in = next((key for key, known in LAWS.items() if known is law), None)
     return built_in or getattr(law, "__name__", type(law).__name__)
 
 

@@ -224,13 +224,14 @@ class Line:
         """
         if len(self.materials) < 3:
             raise DataError("materials", len(self.materials), "3 or more, to leave one out")
-        found = {}
-        for one in self.materials:
-            rest = tuple(other for other in self.materials if other is not one)
+        predictions = {}
+        for material in self.materials:
+            rest = tuple(other for other in self.materials if other is not material)
             others = replace(self, materials=rest, covariance=None)
             c1, c2 = map(Estimate, others._through())
-            found[one.name] = replace(others, c1=c1, c2=c2).at(one.yield_ratio, confidence)
-        return found
+            line = replace(others, c1=c1, c2=c2)
+            predictions[material.name] = line.at(material.yield_ratio, confidence)
+        return predictions
 
     def remarks(
         self,
@@ -280,7 +281,7 @@ class Line:
     @property
     def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """E/Y and χ̃ of the materials, and its standard errors, 0 where the data have no noise."""
-        rows = [(one.yield_ratio, one.chi, one.chi_error or 0.0) for one in self.materials]
+        rows = [(m.yield_ratio, m.chi, m.chi_error or 0.0) for m in self.materials]
         x, y, u = np.array(rows, float).reshape(-1, 3).T
         return x, y, u
 
@@ -345,7 +346,7 @@ class Line:
 
     def _inside(self, name: str) -> list[float]:
         """Values of the fitted materials on their scale, without those at an end of the range."""
-        values = [x for one in self.materials if (x := getattr(one, name)) is not None]
+        values = [x for material in self.materials if (x := getattr(material, name)) is not None]
         # a law at an open end of its range has the least number there is, or rounds to its end
         most = 1 - ROUNDING if name == "eps_up" else np.inf
         return [_scaled(name, x) for x in values if TINY < x < most]
@@ -426,7 +427,7 @@ def _with_materials(line: Line, with_chi, covariance: np.ndarray | None, request
     """The line with the data that a prediction for a further material needs."""
     materials = []
     for fit, spec, k in with_chi:
-        place = next(i for i, one in enumerate(fit.component.specs) if one is spec)
+        place = next(i for i, other in enumerate(fit.component.specs) if other is spec)
         law = fit.final.problem.law_of(fit.theta, place)
         variance = _variance(fit, k)
         error = variance**0.5 if np.isfinite(variance) else None
@@ -482,26 +483,26 @@ def _with_scatter(line: Line) -> Line:
 
 def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int]]:
     """Data sets of Zhou's law with a χ̃ of their own: the fit, its options, its element."""
-    found = {}
+    by_set = {}
     for fit in fits:
         for g, spec in enumerate(fit.component.specs):
             for k, e in enumerate(fit.component.elements):
                 if e.name == "chi" and e.sets == (g,) and spec.model.key == "zhou":
-                    found[fit.component.sets[g]] = fit, spec, k
-    return [found[g] for g in sorted(found)]
+                    by_set[fit.component.sets[g]] = fit, spec, k
+    return [by_set[g] for g in sorted(by_set)]
 
 
 def _joint(request: Request, with_chi, through: dict[str, Estimate]) -> ComponentFit:
     """All curves with every χ̃ on one line, from where each was alone; everything else as requested."""
     on_line, parameters = {name: Parameter(through[name].value) for name in LINE}, []
     for fit, spec, k in with_chi:
-        own = {e.name: e.parameter for e in spec.local if e.parameter.value is not None}
+        stated = {e.name: e.parameter for e in spec.local if e.parameter.value is not None}
         elements, limits = fit.component.elements, fit.uncertainty.limits
         for name, place in fit.component.places(elements[k].sets[0]).items():
             start = {} if limits[place] else {"value": float(fit.theta[place])}
-            own[name] = elements[place].parameter.model_copy(update=start)
-        own = {name: one for name, one in own.items() if name not in ("chi", DRAG)}
-        parameters.append(own | on_line | dict(spec.model.options))
+            stated[name] = elements[place].parameter.model_copy(update=start)
+        stated = {name: value for name, value in stated.items() if name not in ("chi", DRAG)}
+        parameters.append(stated | on_line | dict(spec.model.options))
     names = {spec.data.name for _, spec, _ in with_chi}
     datasets = tuple(data for data in request.datasets if data.name in names)
     joint = replace(request, datasets=datasets, parameters=parameters)

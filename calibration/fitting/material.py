@@ -148,8 +148,8 @@ class Goodness:
     @property
     def noise(self) -> float | None:
         """The standard deviation of a single value that was estimated; None where it was stated."""
-        found = [v for k, v in self.variances.items() if k not in ("stated", "group", "scale")]
-        return float(np.sqrt(sum(found))) if found else None
+        estimated = [v for k, v in self.variances.items() if k not in ("stated", "group", "scale")]
+        return float(np.sqrt(sum(estimated))) if estimated else None
 
 
 @dataclass(frozen=True, kw_only=True)

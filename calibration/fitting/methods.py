@@ -63,11 +63,11 @@ class Condensed(NamedTuple):
         return -np.einsum("fp,fp->f", self.gradient, step) - 0.5 * np.sum(moved**2, axis=1)
 
 
-def condense(residual, jacobian, held=None, cost: Numbers | None = None) -> Condensed:
+def condense(residual, jacobian, fixed=None, cost: Numbers | None = None) -> Condensed:
     """Condense each fit; columns of fixed elements count as zero. Default cost: ½ rᵀ r."""
     finite = np.all(np.isfinite(residual), 1) & np.all(np.isfinite(jacobian), (1, 2))
     residual = np.where(finite[:, None], residual, 0.0)
-    zero = ~finite[:, None] if held is None else held | ~finite[:, None]
+    zero = ~finite[:, None] if fixed is None else fixed | ~finite[:, None]
     jacobian = np.where(zero[:, None, :], 0.0, jacobian)
     p = jacobian.shape[2]
     length = np.sqrt(np.einsum("fmp,fmp->fp", jacobian, jacobian))

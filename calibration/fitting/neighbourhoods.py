@@ -24,7 +24,7 @@ def condensed(problem: Problem, z: Float[np.ndarray, "elements"] | None = None) 
         z: where value (up to a constant) and gradient of the cost are to be those of all points; None:
             neighbourhoods have the mean of their values.
     """
-    normal = all(one.is_normal and not one.shares for one in problem.errors)
+    normal = all(errors.is_normal and not errors.shares for errors in problem.errors)
     if problem.count < MANY or not normal or problem.elastic is not None:
         return problem
     points, laws = problem.points, problem.laws
@@ -43,8 +43,8 @@ def condensed(problem: Problem, z: Float[np.ndarray, "elements"] | None = None) 
         every = [errors.diagonal(s) + np.zeros(len(errors)) for errors, s in variances]
         variance = np.concatenate(every)
     else:
-        found = problem.linearise(z[None])
-        off, variance = found.prediction[0] - points.value, problem.diagonal(z[None])[0]
+        linear = problem.linearise(z[None])
+        off, variance = linear.prediction[0] - points.value, problem.diagonal(z[None])[0]
     weight = points.copies / variance
     total = np.add.reduceat(weight[order], begin)
     mean = np.add.reduceat((weight * off)[order], begin) / total
@@ -57,4 +57,4 @@ def condensed(problem: Problem, z: Float[np.ndarray, "elements"] | None = None) 
         return few
     value = few.linearise(z[None], slopes=False).prediction[0] - mean
     few = replace(few, points=few.points._replace(value=value))
-    return replace(few, pull=(z, (found.gradient - few.linearise(z[None]).gradient)[0]))
+    return replace(few, pull=(z, (linear.gradient - few.linearise(z[None]).gradient)[0]))

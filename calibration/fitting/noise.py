@@ -115,7 +115,7 @@ FAMILIES: dict[str, Any] = {family.name: family for family in (Normal, StudentT)
 def family_of(options: FitOptions) -> tuple[Normal, tuple[str, ...]]:
     """The family that the options of a fit name, and which of its numbers are estimated."""
     family = FAMILIES[options.noise]
-    stated = {one.name: getattr(options, f"noise_{one.name}") for one in fields(family)}
+    stated = {f.name: getattr(options, f"noise_{f.name}") for f in fields(family)}
     unknown = tuple(name for name, value in stated.items() if value == "estimate")
     return family(**stated | {name: NUMBERS[name][2] for name in unknown}), unknown
 

@@ -90,7 +90,7 @@ class _Walks:
         count = len(walks)
         self.z = np.tile(z, (count, 1))
         self.positions = problem.active[self.columns]
-        self.held = self.columns[:, None] == np.arange(len(problem.active))
+        self.fixed = self.columns[:, None] == np.arange(len(problem.active))
         kind = problem.transform.kind[self.positions]
         self.scaled = kind != NONE
         self.centre = z[self.positions]
@@ -120,18 +120,18 @@ class _Walks:
             doubted: √Δχ² above which a search may have gone astray, and is made again from where the
                 walk is; None: the limit.
         """
-        found = self._search(self._foreseen(at, which), which)
-        z, rise = found.z, self._rise(found.cost)
+        minima = self._search(self._foreseen(at, which), which)
+        z, rise = minima.z, self._rise(minima.cost)
         most = self.quantile[which] if doubted is None else doubted
-        poor = np.flatnonzero(~found.converged | (rise > most))
+        poor = np.flatnonzero(~minima.converged | (rise > most))
         if len(poor):
             plain = self.z[which[poor]]
             plain[np.arange(len(poor)), self.positions[which[poor]]] = at[poor]
             again = self._search(plain, which[poor])
-            lower = again.cost < found.cost[poor]
+            lower = again.cost < minima.cost[poor]
             z[poor[lower]] = again.z[lower]
             rise[poor[lower]] = self._rise(again.cost)[lower]
-        return z, rise, found.iterations
+        return z, rise, minima.iterations
 
     def _rise(self, cost: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
         """√Δχ²."""
@@ -140,7 +140,7 @@ class _Walks:
 
     def _search(self, start, which):
         """The others searched, from some start."""
-        keywords = {"begun": self.task.begun, "held": self.held[which], "limit": STEPS}
+        keywords = {"begun": self.task.begun, "fixed": self.fixed[which], "limit": STEPS}
         return search(self.problem, start, **keywords)
 
     def _foreseen(self, at, which) -> np.ndarray:
@@ -148,12 +148,12 @@ class _Walks:
         z = self.z[which]
         rows = np.arange(len(which))
         move = at - z[rows, self.positions[which]]
-        found = self.problem.linearise(z)
+        linear = self.problem.linearise(z)
         # the column that moves stands in for the residual: its answer is the others' least squares
-        moving = found.jacobian[rows, :, self.columns[which]]
+        moving = linear.jacobian[rows, :, self.columns[which]]
         begun = np.where(np.isnan(self.task.begun), z, self.task.begun)
         at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
-        answer = condense(moving, found.jacobian, self.held[which] | at_an_end).newton
+        answer = condense(moving, linear.jacobian, self.fixed[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
         answer = answer * move[:, None]
         limited = np.clip(answer, -LARGEST_ANSWER, LARGEST_ANSWER)
@@ -252,7 +252,7 @@ def _profile(state: _Walks, column: int, limit: int, crossing) -> Profile:
     transform = state.problem.transform.part(np.array([position]))
     physical = lambda z: float(transform.physical(np.array([z]))[0])  # noqa: E731
     begin = (float(state.centre[first]), state.begin)
-    way = sorted([begin, *(one for k in members for one in state.way[k])])
+    way = sorted([begin, *(point for k in members for point in state.way[k])])
     ends: dict[int, float | None] = {-1: None, 1: None}
     at = np.where(np.isfinite(crossing), crossing, state.edge)
     for k in members:
@@ -295,15 +295,15 @@ def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
     assert branches is not None
     cost = float(stage.found.cost[0])
     near = np.max(task.quantiles, initial=0.0) ** 2 * task.variance
-    found = [profiles(task._replace(lowest=2 * cost))]
+    tables = [profiles(task._replace(lowest=2 * cost))]
     is_starting_branch = np.all(branches.elastic == stage.problem.elastic, axis=1)
     for k in np.flatnonzero(~is_starting_branch & (2 * (branches.cost - cost) < near)):
         limits = branches.limits[k][task.columns]
         errors = np.where(limits != 0, FROM_END, task.errors)
         problem = branches.problem(stage.problem, int(k))
         changed = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
-        found.append(profiles(task._replace(**changed, lowest=2 * cost)))
-    return {label: joined([curves[label] for curves in found]) for label in found[0]}
+        tables.append(profiles(task._replace(**changed, lowest=2 * cost)))
+    return {label: joined([curves[label] for curves in tables]) for label in tables[0]}
 
 
 def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
@@ -334,7 +334,7 @@ def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
 
 def _left(fit: ComponentFit) -> float:
     """Degrees of freedom of the noise: of what has no standard error of its own."""
-    if all(one.is_stated for one in fit.stages[0].problem.errors):
+    if all(errors.is_stated for errors in fit.stages[0].problem.errors):
         return np.inf
     return float(np.min(fit.uncertainty.left))
 
@@ -362,19 +362,19 @@ def estimates(
     bends = None
     if fit.is_likelihood and not curves:
         bends = third_derivatives(fit.final.problem, fit.z, fit.uncertainty)
-    found = {}
+    table = {}
     for k, e in enumerate(fit.component.elements):
-        one = estimate_of(fit, k, curves.get(e.label), confidence)
+        estimate = estimate_of(fit, k, curves.get(e.label), confidence)
         is_read = "[" not in e.name and e.name != DRAG
-        if one.method == "wald" and one.standard_error is not None and is_read:
-            one = replace(one, skewed=_is_skewed_by(fit, k, one, confidence, bends))
+        if estimate.method == "wald" and estimate.standard_error is not None and is_read:
+            estimate = replace(estimate, skewed=_is_skewed_by(fit, k, estimate, confidence, bends))
             if not curves and np.any(fit.uncertainty.limits):  # too narrow: another is held
-                one = replace(one, low=None, high=None)
-        found[k] = one
-    return found
+                estimate = replace(estimate, low=None, high=None)
+        table[k] = estimate
+    return table
 
 
-def _is_skewed_by(fit: ComponentFit, k: int, one: Estimate, confidence: float, bends):
+def _is_skewed_by(fit: ComponentFit, k: int, estimate: Estimate, confidence: float, bends):
     """Judged by the third derivative: where ends of the profile would lie, to first order in it."""
     if bends is None:
         return None
@@ -384,7 +384,7 @@ def _is_skewed_by(fit: ComponentFit, k: int, one: Estimate, confidence: float, b
     error = float(fit.uncertainty.errors[k])
     ends = transform.physical(fit.z[k] + error * np.array([[shift - q], [shift + q]]))[:, 0]
     low, high = sorted(map(float, ends))
-    return is_skewed(one.value, one.standard_error, low, high, q)
+    return is_skewed(estimate.value, estimate.standard_error, low, high, q)
 
 
 def is_skewed(value, error, low: float | None, high: float | None, quantile: float) -> bool:

@@ -236,7 +236,7 @@ def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
     return np.concatenate(parts)
 
 
-def _held(fit: ComponentFit) -> Bool[np.ndarray, "p"]:
+def _fixed(fit: ComponentFit) -> Bool[np.ndarray, "p"]:
     """Elements at an end of their range, which stay there."""
     return fit.uncertainty.limits[fit.final.problem.active] != 0
 
@@ -268,7 +268,7 @@ def _without_points(fit: ComponentFit, fold: np.ndarray):
 
 def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     """Predicted less measured by refits, and densities of what each left out."""
-    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _held(fit)
+    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
     linear = problem.linearise(z)
     off = linear.prediction - problem.points.value
     variance, families = np.empty(off.shape), []
@@ -305,12 +305,12 @@ def _slopes(fit: ComponentFit, linear: Linear) -> np.ndarray:
     priors = linear.jacobian[:, problem.count : linear.jacobian.shape[1] - problem.more]
     rows = np.concatenate([linear.per, priors], axis=1)
     size = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.where(_held(fit), 0.0, rows / np.where(size > 0, size, 1.0))
+    return np.where(_fixed(fit), 0.0, rows / np.where(size > 0, size, 1.0))
 
 
 def _without_groups(fit: ComponentFit, fold: np.ndarray):
     """Refits without each group of points that share errors, with the variances of the fit."""
-    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _held(fit)
+    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
     off, density = np.empty((2, problem.count))
     arrived = True
     for number in range(int(np.max(fold)) + 1):
@@ -350,7 +350,7 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
     P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. An unknown noise is found from what
     is left of rᵀ P r.
     """
-    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _held(fit)
+    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
     linear = problem.linearise(fit.z[None])
     white = np.where(fixed, 0.0, linear.jacobian[0])
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)

@@ -59,7 +59,7 @@ class SetSpec:
     data: RestitutionData
     objective: str  # "model" or "two-step"
     model: LawModel
-    local: tuple[Element, ...]  # the law's parameters, free and held
+    local: tuple[Element, ...]  # the law's parameters, free and fixed
     errors: tuple[Errors, ...]  # of each observable's points, stated and to be estimated
 
     @property
@@ -241,7 +241,7 @@ def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: P
     has_value = name.startswith(OF_CONTACT) or name in model.defaults
     if parameter.free or parameter.value is not None or has_value:
         return
-    if known is None or name not in known.held(data):
+    if known is None or name not in known.fixed(data):
         raise placed(parameter, name, DataError("value", "missing", "given where it is fixed"))
 
 
@@ -295,7 +295,7 @@ def _reach(parameter: Parameter, start: Any) -> tuple[Any, Any]:
 def _elements(data, model: LawModel, parameters: dict[str, Parameter]):
     """Start and range of every parameter, and how those that are whole are put together."""
     known = KNOWN.get(model.key) or Known(model.law_type, "")
-    fixed, ranges = known.held(data), known.ranges(data)
+    fixed, ranges = known.fixed(data), known.ranges(data)
     guess = known.guess(data) | fixed
     local: list[Element] = []
     trees: list[Tree] = []
@@ -402,22 +402,23 @@ def _together(specs: Sequence[SetSpec], elements: Sequence[Element]) -> list[tup
     """
     pools: dict[str, list[int]] = {}
     names = [spec.data.name for spec in specs]
-    for one in elements:
-        if one.parameter.pooled:
-            pools.setdefault(one.name, []).extend(one.sets)
-        if one.group in names and names.index(one.group) not in one.sets:
+    for element in elements:
+        if element.parameter.pooled:
+            pools.setdefault(element.name, []).extend(element.sets)
+        if element.group in names and names.index(element.group) not in element.sets:
             accepted = "the name of a group that no data set outside the group has"
-            raise placed(one.parameter, one.name, DataError("shared", one.group, accepted))
+            error = DataError("shared", element.group, accepted)
+            raise placed(element.parameter, element.name, error)
     for name, pool in pools.items():
         if len(pool) < 2:
             raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
         if any(specs[g].objective != "model" for g in pool):
             raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
     group = list(range(len(specs)))
-    for sets in [*(one.sets for one in elements), *pools.values()]:
+    for sets in [*(element.sets for element in elements), *pools.values()]:
         joined = {group[g] for g in sets}
-        group = [min(joined) if own in joined else own for own in group]
-    return [tuple(g for g, own in enumerate(group) if own == one) for one in sorted({*group})]
+        group = [min(joined) if label in joined else label for label in group]
+    return [tuple(g for g, label in enumerate(group) if label == k) for k in sorted({*group})]
 
 
 def _component(sets, specs, elements, route: Route) -> Component:

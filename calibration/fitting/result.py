@@ -53,8 +53,8 @@ def _of_each(name: str, doc: str) -> Any:
     """A property of a fit's data set; for several data sets by name."""
 
     def get(result: "FitResult") -> Any:
-        found = {one.name: getattr(one, name) for one in result.materials}
-        return found if len(found) > 1 else found.popitem()[1]
+        attributes = {material.name: getattr(material, name) for material in result.materials}
+        return attributes if len(attributes) > 1 else attributes.popitem()[1]
 
     return property(get, doc=doc)
 
@@ -252,7 +252,7 @@ class FitResult:
         if label not in self.covariance_names:
             return None
         k = self.covariance_names.index(label)
-        freedom = next(one for one in self.freedoms if label in one.labels)
+        freedom = next(f for f in self.freedoms if label in f.labels)
         variance = self.covariance[k, k]
         degrees = freedom.degrees((label,), np.ones((1, 1)), np.array([variance]))[0]
         return float(degrees) if np.isfinite(degrees * variance) else None
@@ -473,21 +473,21 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
     found_warnings: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
     pooled = pooled_estimates(fits, options.confidence)
-    for one, profiles in zip(fits, curves, strict=True):
-        parts, of_several, drag = summarise(one, profiles, options.confidence)
-        materials |= dict(zip(one.component.sets, parts, strict=True))
+    for fit, profiles in zip(fits, curves, strict=True):
+        parts, of_several, drag = summarise(fit, profiles, options.confidence)
+        materials |= dict(zip(fit.component.sets, parts, strict=True))
         found_warnings += of_several
         pooled |= drag
     ordered = tuple(materials[g] for g in sorted(materials))
     found_warnings += [warning for material in ordered for warning in material.warnings]
-    stages = [stage for one in fits for stage in one.stages]
+    stages = [stage for fit in fits for stage in fit.stages]
     if line is not None and line[1] is not None:
         stage = replace(line[1], report=replace(line[1].report, stage="Eq. (18)"))
         stages.append(stage)
         if not stage.found.converged[0]:
             found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
-    found_warnings.sort(key=lambda one: one.code != "plausibility")  # whose numbers are all wrong
-    condition = max(float(one.uncertainty.condition_number) for one in fits)
+    found_warnings.sort(key=lambda w: w.code != "plausibility")  # whose numbers are all wrong
+    condition = max(float(fit.uncertainty.condition_number) for fit in fits)
     names, covariance, of_predictions = _covariances(fits)
     return FitResult(
         request=request,
@@ -496,7 +496,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         covariance_names=names,
         covariance=covariance,
         of_predictions=of_predictions,
-        rank=sum(int(one.uncertainty.rank) for one in fits),
+        rank=sum(int(fit.uncertainty.rank) for fit in fits),
         condition_number=condition if np.isfinite(condition) else None,
         likelihood=likelihood_of(fits, options),
         warnings=tuple(dict.fromkeys(found_warnings)),
@@ -513,12 +513,12 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
 
 def _covariances(fits: list[ComponentFit]):
     """Covariance of all free parameters in physical units, D C D with D = ∂θ/∂z; zero between components."""
-    names = tuple(e.label for one in fits for e in one.component.elements)
-    both = block_diag(*(np.outer(one.slope, one.slope) for one in fits))
-    known = np.concatenate([one.uncertainty.known for one in fits])
-    covariance = both * block_diag(*(np.nan_to_num(one.uncertainty.covariance) for one in fits))
+    names = tuple(e.label for fit in fits for e in fit.component.elements)
+    both = block_diag(*(np.outer(fit.slope, fit.slope) for fit in fits))
+    known = np.concatenate([fit.uncertainty.known for fit in fits])
+    covariance = both * block_diag(*(np.nan_to_num(fit.uncertainty.covariance) for fit in fits))
     covariance[~known], covariance[:, ~known] = np.nan, np.nan
-    return names, covariance, both * block_diag(*(one.uncertainty.of_predictions for one in fits))
+    return names, covariance, both * block_diag(*(fit.uncertainty.of_predictions for fit in fits))
 
 
 @cache
@@ -527,7 +527,7 @@ def _version(package: str) -> str:
 
 
 def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
-    specs = [spec for one in fits for spec in one.component.specs]
+    specs = [spec for fit in fits for spec in fit.component.specs]
     contacts = [spec.data.contact for spec in specs if spec.data.contact is not None]
     options, integrated = request.options, fits[0].final.problem.route
     without_effect = idle(dict(options))
@@ -548,9 +548,9 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
         how = {"rtol": integrated.tolerance} if steps is None else {"steps": steps}
         table |= {"solver": integrated.solver, **how}
     groups = {
-        e.label: [one.component.specs[g].data.name for g in e.sets]
-        for one in fits
-        for e in one.component.elements
+        e.label: [fit.component.specs[g].data.name for g in e.sets]
+        for fit in fits
+        for e in fit.component.elements
         if len(e.sets) > 1
     }
     return table | ({"shared": groups} if groups else {})

@@ -75,7 +75,7 @@ class Found(NamedTuple):
 class _Search:
     """The state of one call of `search`."""
 
-    def __init__(self, problem: Problem, z, begun, held, lanes: Lanes, limit: int, releases: int):
+    def __init__(self, problem: Problem, z, begun, fixed, lanes: Lanes, limit: int, releases: int):
         self.problem, self.lanes, self.limit = problem, lanes, limit
         self.releases = releases
         self.z = np.array(z)
@@ -83,8 +83,8 @@ class _Search:
         self.begun = np.where(np.isnan(begun), z, begun)
         self.start = self.begun[:, problem.active]
         sets = [problem.elements[k].sets for k in problem.active]
-        self.owner = np.array([sets.index(one) for one in sets], int)
-        self.held = np.zeros((fits, p), bool) if held is None else np.broadcast_to(held, (fits, p))
+        self.owner = np.array([sets.index(own_sets) for own_sets in sets], int)
+        self.fixed = np.broadcast_to(False if fixed is None else fixed, (fits, p))
         self.limits = np.zeros((fits, p), int)
         self.released = np.zeros(fits, int)
         self.reason = np.full(fits, "", dtype=object)
@@ -170,7 +170,7 @@ class _Search:
 
     @property
     def _frozen(self) -> np.ndarray:
-        return self.held | (self.limits != 0)
+        return self.fixed | (self.limits != 0)
 
     def _at(self, z, fits) -> Linear:
         self.evaluations += int(np.sum(fits))
@@ -263,7 +263,7 @@ class _Search:
         gradient = np.einsum("fmp,fm->fp", self.jacobian, self.value)
         curvature = np.maximum(np.sum(self.jacobian**2, axis=1), TINY)
         at_end = (self.x <= self.lower) | (self.x >= self.upper)
-        inward = arrived[:, None] & at_end & (gradient * self.limits > 0) & ~self.held
+        inward = arrived[:, None] & at_end & (gradient * self.limits > 0) & ~self.fixed
         inward &= 0.5 * gradient**2 / curvature > FALLS * self.at.cost[:, None]
         back = np.any(inward, axis=1)
         if np.any(back):
@@ -316,7 +316,7 @@ def search(
     optimiser: str = "levenberg-marquardt",
     *,
     begun: Float[np.ndarray, "... elements"] | None = None,
-    held: Bool[np.ndarray, "fits p"] | None = None,
+    fixed: Bool[np.ndarray, "fits p"] | None = None,
     lanes: Lanes | None = None,
     limit: int = MOST,
     releases: int = RELEASES,
@@ -327,7 +327,7 @@ def search(
         optimiser: of `OPTIMISERS`.
         begun: from where it is measured whether an element runs to an end of its range, NaN: from
             its z. What is there already when the search starts is held there.
-        held: active elements that stay as they are, fit by fit.
+        fixed: active elements that stay as they are, fit by fit.
         lanes: what differs between fits.
         limit: of the steps.
         releases: how often an element is taken back from the end of its range.
@@ -336,7 +336,7 @@ def search(
     lanes = lanes or Lanes()
     if optimiser == "adam":
         z = _by_adam(problem, z, lanes)
-    state = _Search(problem, z, np.nan if begun is None else begun, held, lanes, limit, releases)
+    state = _Search(problem, z, np.nan if begun is None else begun, fixed, lanes, limit, releases)
     state.evaluations += len(z) * ADAM_STEPS * (optimiser == "adam")
     if len(problem.active):
         fits, p = state.start.shape

@@ -250,7 +250,7 @@ def _noise(problem: Problem):
 def _weighing(problem: Problem, variances) -> Problem:
     """The problem with errors of known variance, of each block, that do not move with the curve."""
     pairs = zip(problem.errors, variances, strict=True)
-    errors = tuple(Errors.known(one.velocity, variance) for one, variance in pairs)
+    errors = tuple(Errors.known(block.velocity, variance) for block, variance in pairs)
     return replace(problem, errors=errors, variances=({},) * len(errors))
 
 

@@ -70,17 +70,17 @@ class NamedErrors:
 
     def variances(self, theta: Theta, off: Any) -> dict[str, Any]:
         """s as θ has it; plain noise that it does not have is put where the likelihood is largest."""
-        found = {}
+        variances = {}
         for kind, label in self.labels.items():
             if label in theta:
                 value = jnp.asarray(theta[label])
-                found[kind] = value if kind in NUMBERS else value**2
+                variances[kind] = value if kind in NUMBERS else value**2
             elif self.errors.is_plain and self.errors.is_normal:
-                found[kind] = jnp.mean(off**2)
+                variances[kind] = jnp.mean(off**2)
             else:
                 accepted = "with it: only plain normal noise is profiled"
                 raise DataError("theta", f"without {label!r}", accepted)
-        return found
+        return variances
 
     def carried(self, theta: Theta, route: Any) -> Carried:
         """Predictions at the points, with the effect of the air, in their units."""
@@ -93,10 +93,10 @@ class NamedErrors:
         else:
             hit = sj.restitution(law, velocity, route)
             value = predicted(self.block.observable, hit) / points.unit
-        found = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
+        curve = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
         if self.problem.drag is None or not np.any(points.by_drag):
-            return found
-        return found._replace(mean=found.mean + vector[self.problem.drag] * points.by_drag)
+            return curve
+        return curve._replace(mean=curve.mean + vector[self.problem.drag] * points.by_drag)
 
 
 def _vector(problem: Problem, theta: Theta) -> Array:
@@ -133,7 +133,7 @@ class Traceable:
 
     def predict(self, theta: Theta) -> list[Array]:
         """E[ε] at the points of each data set, or another observable in SI; see `calibration.fitting.errors`."""
-        return [carried.mean * one.points.unit for one, _, carried in self._at(theta)]
+        return [carried.mean * block.points.unit for block, _, carried in self._at(theta)]
 
     def residuals(self, theta: Theta) -> Array:
         """Predicted less measured ε over the standard deviation of each, then those of the priors.
@@ -141,13 +141,13 @@ class Traceable:
         Where points share errors, without what they share. Over 1 where θ has no noise.
         """
         parts = []
-        for one, off, carried in self._at(theta):
-            if one.errors.is_plain and not set(one.labels.values()) <= set(theta):
+        for block, off, carried in self._at(theta):
+            if block.errors.is_plain and not set(block.labels.values()) <= set(theta):
                 parts.append(off)
                 continue
-            s = one.variances(theta, off)
-            factor = one.errors.factor(s, carried.slope, carried.bend, jnp)
-            parts.append(one.errors.whiten(factor, off[:, None], jnp)[:, 0])
+            s = block.variances(theta, off)
+            factor = block.errors.factor(s, carried.slope, carried.bend, jnp)
+            parts.append(block.errors.whiten(factor, off[:, None], jnp)[:, 0])
         return jnp.concatenate([*parts, self._prior_residuals(theta)])
 
     def log_likelihood(self, theta: Theta, measured: Array | None = None) -> Array:
@@ -157,8 +157,8 @@ class Traceable:
             measured: values in place of the measured ones, of all `sets` in a row, in their units.
         """
         parts = [
-            one.errors.deviance(one.variances(theta, off), off, c.slope, c.bend, jnp)
-            for one, off, c in self._at(theta, measured)
+            block.errors.deviance(block.variances(theta, off), off, c.slope, c.bend, jnp)
+            for block, off, c in self._at(theta, measured)
         ]
         return -0.5 * jnp.sum(jnp.stack(parts))
 
@@ -168,19 +168,19 @@ class Traceable:
         Where points share errors, of each where the others are known; see `Errors.by_point`.
         """
         parts = [
-            one.errors.by_point(one.variances(theta, off), off, c.slope, c.bend, jnp) + 0 * off
-            for one, off, c in self._at(theta)
+            block.errors.by_point(block.variances(theta, off), off, c.slope, c.bend, jnp) + 0 * off
+            for block, off, c in self._at(theta)
         ]
         return jnp.concatenate(parts)
 
     def simulated(self, theta: Theta, normal: Array) -> Array:
         """Measurements as the law and its errors make them, from standard normal numbers, one a point."""
         parts = []
-        for (one, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
-            s = one.variances(theta, off)
-            factor = one.errors.factor(s, carried.slope, carried.bend, jnp)
-            heavy = one.errors.noise.at(s).from_normal(some, jnp)
-            parts.append(carried.mean + one.errors.colour(factor, heavy, jnp))
+        for (block, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
+            s = block.variances(theta, off)
+            factor = block.errors.factor(s, carried.slope, carried.bend, jnp)
+            heavy = block.errors.noise.at(s).from_normal(some, jnp)
+            parts.append(carried.mean + block.errors.colour(factor, heavy, jnp))
         return jnp.concatenate(parts)
 
     def log_prior(self, theta: Theta) -> Array:
@@ -214,19 +214,19 @@ class Traceable:
     @property
     def specs(self) -> list[SetSpec]:
         """Law, parameters and errors of each data set, in their order."""
-        found = {g: s for c in self.components for g, s in zip(c.sets, c.specs, strict=True)}
-        return [found[g] for g in sorted(found)]
+        by_set = {g: s for c in self.components for g, s in zip(c.sets, c.specs, strict=True)}
+        return [by_set[g] for g in sorted(by_set)]
 
     def law(self, theta: Theta, g: int) -> sj.ContactLaw:
         """The law of a data set, of all its impacts where they differ."""
-        own = next(c for c in self.components if g in c.sets)
-        problem = own.stages[0][1]
-        points = np.flatnonzero(problem.points.set == own.sets.index(g))
+        component = next(c for c in self.components if g in c.sets)
+        problem = component.stages[0][1]
+        points = np.flatnonzero(problem.points.set == component.sets.index(g))
         return problem.laws.of_points(_vector(problem, theta), points)
 
     def _split(self, values: Array) -> list[Array]:
         """Values of all points by data set."""
-        return jnp.split(values, np.cumsum([len(one.errors) for one in self.sets])[:-1])
+        return jnp.split(values, np.cumsum([len(block.errors) for block in self.sets])[:-1])
 
     def _check_names(self, theta: Theta) -> None:
         names = [element.label for element in self.elements]
@@ -237,11 +237,11 @@ class Traceable:
     def _at(self, theta: Theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
         """Errors of each data set, predicted minus measured ε, and the curve."""
         if measured is None:
-            measured = jnp.concatenate([jnp.asarray(one.points.value) for one in self.sets])
+            measured = jnp.concatenate([jnp.asarray(block.points.value) for block in self.sets])
         self._check_names(theta)
-        curves = [one.carried(theta, self.route) for one in self.sets]
+        curves = [block.carried(theta, self.route) for block in self.sets]
         every = zip(self.sets, curves, self._split(measured), strict=True)
-        return [(one, carried.mean - own, carried) for one, carried, own in every]
+        return [(block, carried.mean - part, carried) for block, carried, part in every]
 
     def _z(self, theta: Theta, labels: list[str], pool: Pool) -> Array:
         """Members of a pool, or its mean, on the scale that is searched."""
@@ -299,7 +299,7 @@ def traceable(request: Request) -> Traceable:
             raise DataError("objective", "two-step", "model, which has a likelihood")
         components = assemble(request)
     sets = _named(components)
-    noises = tuple(label for one in sets for label in one.labels.values())
+    noises = tuple(label for block in sets for label in block.labels.values())
     elements = [e for component in components for e in component.elements]
     start, pools = {e.label: e.start for e in elements}, pools_of(elements)
     for pool in pools:
@@ -313,18 +313,18 @@ def traceable(request: Request) -> Traceable:
 
 def _named(components: Sequence[Component]) -> tuple[NamedErrors, ...]:
     """Names of the unknown sizes of the errors, with the data set if several have one."""
-    found = []
+    named = []
     for component in components:
         problem = component.stages[0][1]
         for block, errors in zip(problem.blocks, problem.errors, strict=True):
-            found.append(NamedErrors(problem, block, errors, component.sets[block.set], {}))
-    found.sort(key=lambda one: one.set)
-    names = [(one.block.observable, kind) for one in found for kind in one.errors.unknown]
+            named.append(NamedErrors(problem, block, errors, component.sets[block.set], {}))
+    named.sort(key=lambda errors: errors.set)
+    names = [(errors.block.observable, kind) for errors in named for kind in errors.errors.unknown]
 
-    def label(one: NamedErrors, kind: str) -> str:
-        name = one.block.observable
+    def label(errors: NamedErrors, kind: str) -> str:
+        name = errors.block.observable
         text = "" if name == RESTITUTION else f"{name}_"
         text += CALLED.get(kind, kind)
-        return f"{text}[{one.data.name}]" if names.count((name, kind)) > 1 else text
+        return f"{text}[{errors.data.name}]" if names.count((name, kind)) > 1 else text
 
-    return tuple(replace(e, labels={k: label(e, k) for k in e.errors.unknown}) for e in found)
+    return tuple(replace(e, labels={k: label(e, k) for k in e.errors.unknown}) for e in named)

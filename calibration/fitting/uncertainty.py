@@ -109,8 +109,8 @@ class Freedom:
         """Degrees of freedom in physical parameters, with dθ/dz; `whole` is the covariance in z."""
         both = np.outer(slope, slope)
         if self.parts.size <= MOST_NUMBERS:
-            own = np.diagonal(self.parts, axis1=1, axis2=2)
-            acts = own > NO_PART * np.abs(np.diagonal(whole))
+            variance = np.diagonal(self.parts, axis1=1, axis2=2)
+            acts = variance > NO_PART * np.abs(np.diagonal(whole))
             parts = np.where(acts[:, :, None] & acts[:, None], self.parts, 0.0)
             return replace(self, parts=parts * both)
         least = np.min(self.degrees(self.labels, np.eye(len(whole)), np.diagonal(whole)))
@@ -177,19 +177,19 @@ def uncertainty_of(stages: Stages, z: Float[np.ndarray, "p"]) -> Uncertainty:
 
 def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     """Covariance by the observed information; a likelihood searches all its elements."""
-    held, identity = limits != 0, np.eye(len(z))
+    fixed, identity = limits != 0, np.eye(len(z))
     scaled = problem.transform.kind[problem.active] != NONE
     jacobian = problem.linearise(z[None]).jacobian
     size = np.where(scaled, 1.0, np.abs(z[problem.active]))
-    with_held = np.where(acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
-    jacobian = np.where(held, 0.0, with_held)
-    basis, seen, rank, condition, nulls = _decomposed(jacobian, held)
+    with_fixed = np.where(acts_on_nothing(jacobian, size[None]), 0.0, jacobian[0])
+    jacobian = np.where(fixed, 0.0, with_fixed)
+    basis, seen, rank, condition, nulls = _decomposed(jacobian, fixed)
     curved, definite = identity, not _has_network(problem)
     few = condensed(problem, z)
     if asks_for_curvature(few):
         ways = np.zeros((len(basis), len(z)))
         ways[:, problem.active] = basis.T
-        is_normal = all(one.is_normal for one in problem.errors)
+        is_normal = all(errors.is_normal for errors in problem.errors)
         slopes = gradient_slopes(few, z, ways, np.inf if is_normal else OF_ERROR) @ basis
         curvature = 0.5 * (slopes + slopes.T)
         curvature += np.where(seen[:, None] & seen, 0.0, identity)
@@ -205,9 +205,9 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     ratio = np.diagonal(covariance) / np.where(before > 0, before, 1.0)
     # what follows an element that grows without bound is only determined together with it
     bound = problem.transform.part(problem.active).bound_beyond(limits)
-    follows = basis @ (basis.T @ (jacobian.T @ with_held[:, held & ~np.isfinite(bound)]))
+    follows = basis @ (basis.T @ (jacobian.T @ with_fixed[:, fixed & ~np.isfinite(bound)]))
     nulls |= np.any(np.abs(follows) > FOLLOWS * np.sqrt(np.diagonal(covariance))[:, None], axis=1)
-    left_out = nulls | held
+    left_out = nulls | fixed
     published = np.where(left_out[:, None] | left_out, np.nan, covariance)
     return Uncertainty(
         covariance=published,
@@ -216,7 +216,7 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
         freedom=freedom,
         rank=rank,
         condition_number=condition,
-        undetermined=nulls | (scaled & ~held & ~(np.diagonal(published) < NO_ERROR**2)),
+        undetermined=nulls | (scaled & ~fixed & ~(np.diagonal(published) < NO_ERROR**2)),
         limits=limits,
         definite=definite,
         deviation=np.sqrt(problem.diagonal(z[None])[0]),
@@ -281,7 +281,7 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
             continue
         turned = residuals._replace(jacobian=residuals.jacobian @ basis)
         first, second = _changes(errors, s, turned, kinds, jacobian[problem.spans[g]] @ basis)
-        parts += [-one for one in first]
+        parts += [-row for row in first]
         sets += [problem.block_names[g]] * len(kinds)
         names += kinds
         blocks.append(relative)
@@ -339,9 +339,9 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
     rank, condition, first, leverage = 0, 1.0, 0, np.zeros(points)
     for k, (problem, own_limits) in enumerate(stages):
         columns = slice(first, first + len(problem.active))
-        first, held = columns.stop, own_limits != 0
-        found = problem.linearise(z[None])
-        jacobian = np.where(held, 0.0, found.jacobian[0])
+        first, fixed = columns.stop, own_limits != 0
+        linear = problem.linearise(z[None])
+        jacobian = np.where(fixed, 0.0, linear.jacobian[0])
         if k:
             bread[columns] = gradient_slopes(problem, z, np.eye(len(z))[order]).T
         else:
@@ -349,12 +349,12 @@ def _of_equations(stages: Stages, z) -> Uncertainty:
             leverage = leverages(jacobian)[:points]
         # the effect of an error in each value on the equations of a stage
         for errors, s, span in zip(problem.errors, problem.variances, problem.spans, strict=True):
-            factor = errors.factor(s, found.slope[:, span], found.bend[:, span])
-            raw = np.where(held, 0.0, found.per[:, span])
+            factor = errors.factor(s, linear.slope[:, span], linear.bend[:, span])
+            raw = np.where(fixed, 0.0, linear.per[:, span])
             copies = problem.points.copies[span, None]
             scores[span, columns] = copies * errors.solve(factor, raw)[0]
         prior[columns, columns] = jacobian[points:].T @ jacobian[points:]
-        *_, own_rank, own_condition, nulls[columns] = _decomposed(jacobian, held)
+        *_, own_rank, own_condition, nulls[columns] = _decomposed(jacobian, fixed)
         rank, condition = rank + own_rank, max(condition, own_condition)
         limits[columns] = own_limits
     left = _left(first_problem, leverage)
@@ -392,16 +392,16 @@ def _middles(problem: Problem, z, scores, left):
     parts, sets, names, blocks = [], [], [], []
     total = np.zeros((scores.shape[1],) * 2)
     every = zip(problem.errors, problem.variances, problem.residuals_at(z[None]), strict=True)
-    for g, (errors, s, one) in enumerate(every):
+    for g, (errors, s, residuals) in enumerate(every):
         scores_of = scores[problem.spans[g]]
 
-        def middle(at, errors=errors, one=one, scores_of=scores_of):
-            factor = errors.factor(at, one.slope, one.bend)
+        def middle(at, errors=errors, residuals=residuals, scores_of=scores_of):
+            factor = errors.factor(at, residuals.slope, residuals.bend)
             return scores_of.T @ errors.times(factor, scores_of[None])[0]
 
         whole = middle(s)
         total = total + whole
-        kinds, relative = _estimates(errors, s, one, left[g])
+        kinds, relative = _estimates(errors, s, residuals, left[g])
         blocks.append(np.array([[2 / left[g]]]) if errors.is_plain else relative)
         for kind in kinds:  # V is linear in it
             twice = {**s, kind: 2 * np.asarray(s.get(kind, 0.0))}
@@ -472,5 +472,5 @@ def quantile(confidence: float, degrees: float | np.ndarray | None):
     at = 0.5 * (1 + confidence)
     if degrees is None:
         return float(special.ndtri(at))
-    found = np.where(np.isinf(degrees), special.ndtri(at), special.stdtrit(degrees, at))
-    return float(found) if found.ndim == 0 else found
+    value = np.where(np.isinf(degrees), special.ndtri(at), special.stdtrit(degrees, at))
+    return float(value) if value.ndim == 0 else value

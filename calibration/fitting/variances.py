@@ -122,21 +122,21 @@ def _of_its_own(residuals: Residuals) -> Residuals:
 
     That changes the criterion by a constant. Of many sets side by side each moves with but a few.
     """
-    own = np.any(residuals.jacobian != 0, axis=(0, 1))
-    if np.all(own) or residuals.gradient is not None:
+    active = np.any(residuals.jacobian != 0, axis=(0, 1))
+    if np.all(active) or residuals.gradient is not None:
         return residuals
     free = residuals.free[:, :, None] & residuals.free[:, None]  # what is at an end follows nothing
     information = np.where(free, residuals.information, 0.0)
-    others = information[:, ~own][:, :, ~own]
+    others = information[:, ~active][:, :, ~active]
     size = np.sqrt(np.diagonal(others, axis1=1, axis2=2))
     size = np.where(size > 0, size, 1.0)
-    across = information[:, own][:, :, ~own] / size[:, None]
+    across = information[:, active][:, :, ~active] / size[:, None]
     others = others / (size[:, :, None] * size[:, None]) + RIDGE * np.eye(size.shape[1])
     return residuals._replace(
-        jacobian=residuals.jacobian[:, :, own],
-        information=information[:, own][:, :, own]
+        jacobian=residuals.jacobian[:, :, active],
+        information=information[:, active][:, :, active]
         - across @ np.linalg.solve(others, np.swapaxes(across, 1, 2)),
-        free=residuals.free[:, own],
+        free=residuals.free[:, active],
     )
 
 
@@ -158,8 +158,8 @@ class _Search:
             return np.ones(len(self.square))
         if kind in ("scatter", "group"):
             return self.square
-        one = self.errors.variance({kind: 1.0}, self.residuals.slope, self.residuals.bend)
-        return self.square / np.maximum(np.mean(one + 0 * self.residuals.off, axis=1), 1e-300)
+        unit = self.errors.variance({kind: 1.0}, self.residuals.slope, self.residuals.bend)
+        return self.square / np.maximum(np.mean(unit + 0 * self.residuals.off, axis=1), 1e-300)
 
     def as_variances(self, y: np.ndarray) -> Estimated:
         values = np.exp(y) * self.unit
@@ -167,9 +167,9 @@ class _Search:
 
     def variances(self, y: np.ndarray) -> Estimated:
         """0 where it is none; but something has to be left."""
-        found = self.as_variances(y)
+        variances = self.as_variances(y)
         none = (np.exp(y) <= NONE) & ~self.is_number
-        bare = {kind: value * (kind in NUMBERS) for kind, value in found.items()}
+        bare = {kind: value * (kind in NUMBERS) for kind, value in variances.items()}
         with np.errstate(invalid="ignore"):
             rest = (
                 self.errors.variance(bare, self.residuals.slope, self.residuals.bend)
@@ -179,7 +179,7 @@ class _Search:
         indefinite &= ~(np.min(rest, axis=1) > NONE * self.square)
         none[indefinite, 0] = False
         kinds = enumerate(self.errors.unknown)
-        return {kind: np.where(none[:, k], 0.0, found[kind]) for k, kind in kinds}
+        return {kind: np.where(none[:, k], 0.0, variances[kind]) for k, kind in kinds}
 
     def place(self, s: Any, most: float = np.inf) -> np.ndarray:
         every = [np.broadcast_to(s[kind], len(self.square)) for kind in self.errors.unknown]
@@ -191,12 +191,12 @@ class _Search:
         """Equal shares, and most in each of the variances."""
         k = len(self.unit[0])
         shares = [np.full(k, 0.5 / k), *(np.where(np.arange(k) == j, 0.9, 0.05) for j in range(k))]
-        logs = [np.where(self.is_number, self.first, np.log(one)) for one in shares[: k + (k > 1)]]
-        return [np.repeat(one[None], len(self.unit), axis=0) for one in logs]
+        logs = [np.where(self.is_number, self.first, np.log(x)) for x in shares[: k + (k > 1)]]
+        return [np.repeat(log[None], len(self.unit), axis=0) for log in logs]
 
     def value(self, y: np.ndarray) -> np.ndarray:
-        found = criterion(self.errors, self.as_variances(y), self.residuals, self.restricted)
-        return np.where(np.isfinite(found), found, np.inf)
+        result = criterion(self.errors, self.as_variances(y), self.residuals, self.restricted)
+        return np.where(np.isfinite(result), result, np.inf)
 
     def expanded(self, y: np.ndarray):
         """Value, gradient and curvature."""
@@ -238,7 +238,7 @@ def needs_variances(problem: Problem) -> bool:
     """Whether variances are found together with the parameters, as something is weighed against them."""
     if all(stands_alone(problem, g) for g in range(len(problem.errors))):
         return False
-    return any(one.unknown for one in problem.errors) or bool(problem.pools)
+    return any(errors.unknown for errors in problem.errors) or bool(problem.pools)
 
 
 def stands_alone(problem: Problem, g: int) -> bool:
@@ -251,7 +251,7 @@ def stands_alone(problem: Problem, g: int) -> bool:
 
 def first_variances(problem: Problem, z: np.ndarray) -> Problem:
     """First estimate of the variances, from the residuals at z."""
-    found = []
+    starts = []
     first = problem.bare.linearise(z[None], slopes=False).prediction[0]
     for errors, span in zip(problem.errors, problem.spans, strict=True):
         square = max(float(np.mean((first - problem.points.value)[span] ** 2)), 1e-30)
@@ -263,8 +263,8 @@ def first_variances(problem: Problem, z: np.ndarray) -> Problem:
             "timing": square / max(of_second, 1e-300),
             **vars(errors.noise),
         }
-        found.append({kind: guess[kind] for kind in errors.unknown})
-    problem = replace(problem, variances=tuple(found))
+        starts.append({kind: guess[kind] for kind in errors.unknown})
+    problem = replace(problem, variances=tuple(starts))
     return renewed(problem, z) if needs_variances(problem) else problem
 
 
@@ -273,45 +273,45 @@ def variances_at(
 ) -> tuple[dict[str, np.ndarray], ...]:
     """s of each data set and fit, from the residuals at z."""
     before = problem.variances if lanes is None or lanes.variances is None else lanes.variances
-    found = []
+    estimates = []
     every = zip(problem.errors, before, problem.residuals_at(z, lanes), strict=True)
     for errors, s, residuals in every:
-        found.append(estimated(errors, residuals, restricted, s) if errors.unknown else {})
-    return tuple(found)
+        estimates.append(estimated(errors, residuals, restricted, s) if errors.unknown else {})
+    return tuple(estimates)
 
 
 def renewed(problem: Problem, z: np.ndarray, restricted: bool = True) -> Problem:
     """The problem with variances and spreads of pools as of z."""
-    if any(one.unknown for one in problem.errors):
-        found = variances_at(problem, z[None], None, restricted)
-        single = [{kind: float(value[0]) for kind, value in one.items()} for one in found]
+    if any(errors.unknown for errors in problem.errors):
+        estimates = variances_at(problem, z[None], None, restricted)
+        single = [{kind: float(value[0]) for kind, value in table.items()} for table in estimates]
         problem = replace(problem, variances=tuple(single))
     pools = [p._replace(spread=estimate_of_pool(problem, z, p).spread) for p in problem.pools]
     return replace(problem, pools=tuple(pools)) if pools else problem
 
 
-def have_settled(one: Problem, other: Problem) -> bool:
+def have_settled(before: Problem, after: Problem) -> bool:
     """Whether two problems have the same variances and spreads of pools."""
-    pools = zip(one.pools, other.pools, strict=True)
+    pools = zip(before.pools, after.pools, strict=True)
     return all(np.isclose(a.spread, b.spread, rtol=1e-5, atol=0) for a, b in pools) and all(
         _same_variances(errors, a, b)
-        for errors, a, b in zip(one.errors, one.variances, other.variances, strict=True)
+        for errors, a, b in zip(before.errors, before.variances, after.variances, strict=True)
     )
 
 
-def _same_variances(errors: Errors, one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def _same_variances(errors: Errors, before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Equal in what each variance adds to that of ε."""
 
     def moved(kind: str) -> bool:
         if kind in NUMBERS:
-            return abs(other[kind] / one[kind] - 1) > 1e-3
+            return abs(after[kind] / before[kind] - 1) > 1e-3
         was, now = (
             float(np.mean(errors.diagonal(s) + np.zeros(len(errors))))
-            for s in (one, {**one, kind: other[kind]})
+            for s in (before, {**before, kind: after[kind]})
         )
         return abs(now - was) > ALIKE * was
 
-    return not any(moved(kind) for kind in one)
+    return not any(moved(kind) for kind in before)
 
 
 LEAST_SPREAD, MOST_SPREAD = 1e-4, 30.0  # of a spread, in z
@@ -348,8 +348,8 @@ class PoolEstimate:
         places = np.linspace(*ends, 25)
         best = places[int(np.argmin([self.at(x) for x in places]))]
         near = (max(best - 0.6, ends[0]), min(best + 0.6, ends[1]))
-        found = minimize_scalar(self.at, bounds=near, method="bounded", options={"xatol": 1e-8})
-        return float(np.exp(found.x)) if found.fun < self.at(ends[0]) else LEAST_SPREAD
+        minimum = minimize_scalar(self.at, bounds=near, method="bounded", options={"xatol": 1e-8})
+        return float(np.exp(minimum.x)) if minimum.fun < self.at(ends[0]) else LEAST_SPREAD
 
     def crossing(self, start: float, end: float, level: float) -> float | None:
         """The spread between two of them where -2 ln L_R reaches a level."""
@@ -363,15 +363,15 @@ class PoolEstimate:
 
 def estimate_of_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
     """Estimates of a pool's members from the data and the priors of other parameters, without the pool."""
-    found = problem.linearise(z[None])
+    linear = problem.linearise(z[None])
     first = problem.count + len(problem.with_prior)
-    for one in problem.pools:
-        if one.name == pool.name:
+    for other in problem.pools:
+        if other.name == pool.name:
             break
-        first += len(one.members)
-    rows = np.arange(found.residual.shape[1])
+        first += len(other.members)
+    rows = np.arange(linear.residual.shape[1])
     others = (rows < first) | (rows >= first + len(pool.members))
-    jacobian, residual = found.jacobian[0, others], found.residual[0, others]
+    jacobian, residual = linear.jacobian[0, others], linear.residual[0, others]
     members = np.searchsorted(problem.active, pool.members)
     rest = np.delete(jacobian, members, axis=1)
     mine = np.c_[jacobian[:, members], residual]  # less what the others make up for
@@ -389,7 +389,7 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
 
     The limits of a spread are where the restricted likelihood falls by half the χ² quantile.
     """
-    found = {}
+    estimates = {}
     every = ((f.final.problem, f.z, p) for f in fits for p in f.final.problem.pools)
     for problem, z, pool in every:
         estimate = estimate_of_pool(problem, z, pool)
@@ -400,9 +400,11 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
             float(transform.physical(np.array([mean + sign * reach]))[0]) for sign in (0, -1, 1)
         )
         slope = abs(float(transform.slope(np.array([mean]))[0]))
-        found[pool.name] = Estimate(value, slope * error, low, high, "wald", True)
+        estimates[pool.name] = Estimate(value, slope * error, low, high, "wald", True)
         level = least + float(special.chdtri(1, 1 - confidence))
         ends = [estimate.crossing(pool.spread, end, level) for end in (LEAST_SPREAD, MOST_SPREAD)]
         value = pool.spread if pool.spread > 2 * LEAST_SPREAD else 0.0
-        found[pool.spread_name] = Estimate(value, None, ends[0] or 0.0, ends[1], "profile", True)
-    return found
+        estimates[pool.spread_name] = Estimate(
+            value, None, ends[0] or 0.0, ends[1], "profile", True
+        )
+    return estimates

@@ -197,17 +197,17 @@ class Density:
         scale, gradient = self.spread_in_z(q), jax.jit(jax.value_and_grad(self.log_density))
 
         def slope(q: Vector) -> tuple[float, Vector]:
-            value, found = gradient(q)
-            return -float(value), -np.asarray(found)
+            value, slopes = gradient(q)
+            return -float(value), -np.asarray(slopes)
 
         q, _ = _lowest(slope, q, np.arange(len(q)), scale)
         pooled = {pool.mean for pool in self.pools}  # whose funnel has no profile worth a path
-        found = []
+        blocks = []
         for places in self._blocks():
             straight = bool(pooled & {*places.tolist()})
             some = _of_some(slope, q, places)
-            found.append((places, _coordinates(some, q[places], scale[places], straight)))
-        return replace(self, coordinates=tuple(found))
+            blocks.append((places, _coordinates(some, q[places], scale[places], straight)))
+        return replace(self, coordinates=tuple(blocks))
 
     def _start(self, values: Mapping[str, float]) -> Vector:
         """q of the values, and of the priors' centres where there are none, drawn in to the priors."""
@@ -348,7 +348,7 @@ def _coordinates(slope: Slope, q: Vector, scale: Vector, straight: bool = False)
     covariance = np.linalg.inv(_lowest(slope, q, every, scale)[1])
     sizes = np.sqrt(np.diag(covariance))
     ahead = covariance / sizes  # what all move by where one moves by its error
-    sides = np.array([[slope(q + side * one)[0] for side in (-PROBE, PROBE)] for one in ahead.T])
+    sides = np.array([[slope(q + side * step)[0] for side in (-PROBE, PROBE)] for step in ahead.T])
     rise = (sides.reshape(-1, 2) - slope(q)[0]) / (0.5 * PROBE**2)
     bent = np.nan_to_num(np.max(np.abs(rise - 1), axis=1, initial=0.0), nan=np.inf, posinf=np.inf)
     if straight or not np.any(bent > NEARLY_NORMAL):

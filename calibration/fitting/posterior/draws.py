@@ -94,14 +94,14 @@ def sampled(
 
 def _found(result: Any, problem: Traceable) -> dict[str, float]:
     """Values of the unknowns where the fit ended, as far as it has any."""
-    found = {name: result.values.get(name) for name in problem.names}
+    values = {name: result.values.get(name) for name in problem.names}
     for errors in problem.sets:
         material = result.materials[errors.set]
         known = material.observed.get(errors.block.observable, material)
         other = {"timing": known.timing, "scale": None, **vars(known.family)}
         for kind, label in errors.labels.items():
-            found[label] = other.get(kind, known.variances.get(kind, 0.0) ** 0.5)
-    return {name: float(value) for name, value in found.items() if value}
+            values[label] = other.get(kind, known.variances.get(kind, 0.0) ** 0.5)
+    return {name: float(value) for name, value in values.items() if value}
 
 
 def _chains(
@@ -158,7 +158,7 @@ def _chains(
         for done, _ in enumerate(as_completed(running), 1):
             if progress is not None:
                 progress("chains", done, len(starts))
-    return jax.tree.map(lambda *every: np.stack(every), *(one.result() for one in running))
+    return jax.tree.map(lambda *every: np.stack(every), *(future.result() for future in running))
 
 
 def _about(density: Density, seed: int, warmup: int) -> dict[str, Any]:
@@ -185,18 +185,18 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
     """
     problem, sets = density.problem, density.problem.sets
     velocity, value, unit = (
-        np.concatenate([getattr(one.points, name) for one in sets])
+        np.concatenate([getattr(s.points, name) for s in sets])
         for name in ("velocity", "value", "unit")
     )
-    named = [np.full(len(one.errors), one.data.name, object) for one in sets]
-    what = [np.full(len(one.errors), one.block.observable, object) for one in sets]
+    named = [np.full(len(s.errors), s.data.name, object) for s in sets]
+    what = [np.full(len(s.errors), s.block.observable, object) for s in sets]
     points = {
         "velocity": ("point", velocity, {"unit": "m/s"}),
         "data_set": ("point", np.concatenate(named)),
         "observable": ("point", np.concatenate(what)),
     }
 
-    def one(some):
+    def at_draw(some):
         u, key = some
         theta, log_prior, log_jacobian = density.at(u)
         laws = [problem.law(theta, g) for g in range(len(problem.specs))]
@@ -213,15 +213,15 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
     flat, shape = position.reshape(-1, position.shape[-1]), position.shape[:2]
     keys = jax.random.split(jax.random.key(seed), len(flat))
     size = max(min(AT_ONCE, IMPACTS // len(value)), 1)
-    found = jax.jit(lambda *some: jax.lax.map(one, some, batch_size=size))(flat, keys)
-    found = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), found)
-    statistics = {**statistics, **{n: found[n] for n in ("log_prior", "log_jacobian")}}
+    results = jax.jit(lambda *some: jax.lax.map(at_draw, some, batch_size=size))(flat, keys)
+    results = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), results)
+    statistics = {**statistics, **{n: results[n] for n in ("log_prior", "log_jacobian")}}
     dims = (*DIMS, "point")
     groups = {
-        "posterior": _dataset(_variables(density, found), about),
-        "log_likelihood": _dataset({POINTS: (dims, found["by_point"])}, {}, points),
-        "posterior_predictive": _dataset({POINTS: (dims, found["predicted"])}, {}, points),
-        "sample_stats": _dataset({name: (DIMS, one) for name, one in statistics.items()}),
+        "posterior": _dataset(_variables(density, results), about),
+        "log_likelihood": _dataset({POINTS: (dims, results["by_point"])}, {}, points),
+        "posterior_predictive": _dataset({POINTS: (dims, results["predicted"])}, {}, points),
+        "sample_stats": _dataset({name: (DIMS, values) for name, values in statistics.items()}),
         "observed_data": _dataset({POINTS: (("point",), value * unit)}, {}, points),
     }
     if _is_old(needed("arviz")):
@@ -349,15 +349,15 @@ def band_of_draws(
 
 def at_draws(result: Any, data: Any, count: int) -> list[Any]:
     """The fit with the values of evenly selected draws instead of its estimates."""
-    tables = [_labelled(data, list(one.free.values())) for one in result.materials]
+    tables = [_labelled(data, list(material.free.values())) for material in result.materials]
     size = len(tables[0])
     if not (isinstance(count, int) and 1 <= count <= size):
         raise DataError("count", count, f"a whole number from 1 to {size}")
-    found = []
+    estimates = []
     for rows in zip(*(_evenly(table, count).tolist() for table in tables), strict=True):
         pairs = zip(result.materials, rows, strict=True)
         moved = (
             replace(m, values={**m.values, **dict(zip(m.free, x, strict=True))}) for m, x in pairs
         )
-        found.append(replace(result, materials=tuple(moved), fits=None))
-    return found
+        estimates.append(replace(result, materials=tuple(moved), fits=None))
+    return estimates
