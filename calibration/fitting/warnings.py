@@ -94,8 +94,8 @@ ADVICE = {
         "Energies are badly explored, as where a spread may be 0: give the spread or the noise a "
         "prior, or measure more data sets."
     ),
-    "mass-at-bound": "Widen the bound if it was given; else the data do not keep it off: say so.",
-    "follows-prior": "The data do not determine it: measure where it acts, or state a prior you stand by.",
+    "mass-at-bound": "Widen the bound if it was given; else report that the data do not exclude the bound.",
+    "follows-prior": "The data do not determine it: measure where it acts, or state a prior that you can justify.",
 }
 Column = Float[np.ndarray, "n"]
 

@@ -109,9 +109,9 @@ def _plot_observable(
     else:
         _plot_fit(upper, result, fit, name, fine, scale)
         if len(data.groups) <= len(MARKERS):
-            named = len(result.materials) == 1
+            several = "one marker for each group" if len(result.materials) > 1 else None
             subsets = [
-                (data.group[rows] == group, f"group {style.plain(group)}" if named else None)
+                (data.group[rows] == group, several or f"group {style.plain(group)}")
                 for group in data.groups
             ] or subsets
     for line in lines:
@@ -137,6 +137,7 @@ def _plot_observable(
         up = None if part is None else part[which]
         style.points(lower, x[which], left[which], up, None, color, marker, text)
     lower.ticklabel_format(axis="y", scilimits=(-3, 3))
+    lower.margins(y=0.12)  # of whole markers
     for ax in (upper, lower) if logarithmic else ():
         style.logarithmic_x(ax)
     lower.set_xlim(upper.get_xlim())

@@ -1,5 +1,6 @@
 """Parameters: profile likelihoods, correlations, posterior draws, and χ̃ over E/Y."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from calibration import symbols
 from calibration.errors import DataError
@@ -24,7 +25,8 @@ SIZE = 0.3  # of a cell: the radius of uncorrelated estimates
 THIN = 0.02  # of a cell: the least half width of an ellipse
 NOISES = {"noise": "scatter", "group": "between groups", "timing": "of times [s]"}  # as tables say
 MOST_PAIRED = 8  # parameters of posterior.png: with more nothing can be read
-CROWDED = 5  # of them, from which on letters are small and numbers turned
+CROWDED = 5  # of them, from which on letters are small, numbers turned and names wrapped
+NARROW = 11  # letters of a line of a name then
 SHOWN = 2000  # draws of a panel
 BINS = 40
 SHORT = 3  # powers of ten beyond which these stand in the label
@@ -206,7 +208,8 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
     ends = {name: _ends(values) for name, values in draws.items()}
     logarithmic = {name: style.spans_decades(np.array(ends[name])) for name in names}
     powers = {name: 0 if logarithmic[name] else _power(ends[name]) for name in names}
-    labels = {name: _label(name, result, powers[name]) for name in names}
+    width = style.LONGEST if count < CROWDED else NARROW
+    labels = {name: _label(name, result, powers[name], width) for name in names}
     estimates = {} if result is None else result.estimates
     for row, column in np.ndindex(count, count):
         ax, x, y = grid[row, column], names[column], names[row]
@@ -223,7 +226,7 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
             ax.plot(draws[x][::step], draws[y][::step], ".", color=style.SKY, ms=2, alpha=0.5)
             if np.any(diverging):
                 wild = draws[x][diverging], draws[y][diverging]
-                ax.plot(*wild, ".", color=style.VERMILION, label="diverged")
+                ax.plot(*wild, ".", color=style.VERMILION, ms=3, label="diverged")
             fitted = [estimates[name].value for name in (x, y) if name in estimates]
             if len(fitted) == 2 and None not in fitted:
                 ax.plot(*fitted, "+", color=style.BLACK, markersize=9, label="fit")
@@ -234,6 +237,7 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
         ax.tick_params("x", which="both", labelrotation=turned)
         ax.set_xlabel(labels[x] if row == count - 1 else "", fontsize=letters)
         ax.set_ylabel(labels[y] if column == 0 < row else "", fontsize=letters)
+    figure.align_labels()
     style.legend_below(figure, list(figure.axes), 4)
     return figure
 
@@ -255,24 +259,25 @@ def _power(ends: tuple[float, float]) -> int:
 
 
 def _limit(ax: Axes, which: str, ends: tuple[float, float], logarithmic: bool, power: int) -> None:
+    axis = getattr(ax, f"{which}axis")
     if logarithmic:
         getattr(ax, f"set_{which}scale")("log")
+        axis.set_minor_formatter(NullFormatter())  # else they take the room of the panels
     else:
-        axis = getattr(ax, f"{which}axis")
         axis.set_major_locator(MaxNLocator(3 if which == "y" else 2))
         if power:
             axis.set_major_formatter(lambda value, _: f"{value / 10.0**power:.4g}")
     getattr(ax, f"set_{which}lim")(*ends)
 
 
-def _label(name: str, result: Any, power: int) -> str:
-    """The symbol with its power of ten and unit, the data set below it."""
+def _label(name: str, result: Any, power: int, width: int) -> str:
+    """The symbol with its power of ten and unit, the data set below it in lines of `width` letters."""
     base, _, owner = name.removesuffix("]").partition("[")
     symbol = NOISES.get(base) or symbols.math(base, symbols.model_of(name, result))
     if power:
         symbol, _, unit = symbol.partition(" [")
         symbol += rf" [$10^{{{power}}}$ {unit}" if unit else rf" [$10^{{{power}}}$]"
-    return f"{symbol}\n{style.plain(style.shortened(owner))}" if owner else symbol
+    return "\n".join([symbol, *map(style.plain, textwrap.wrap(style.shortened(owner), width))])
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:

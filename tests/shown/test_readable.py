@@ -1,5 +1,7 @@
 """Pictures and sentences that a reader takes in without the text around them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -56,6 +58,10 @@ def test_residuals_of_groups_have_colours_and_markers(tmp_path):
     assert legend(figure)[-2:] == ["group B", "group A"]
     assert len({(to_hex(one.get_color()), one.get_marker()) for one in parts.values()}) == 2
     np.testing.assert_allclose(parts["group A"].get_xdata(), v[1::2])
+    with drawn() as figures:
+        two = cal.fit([data, replace(data, name="b")], sj.ViscoelasticHertz, profiles=False)
+        two.report(tmp_path / "out")
+    assert legend(figures["curves.png"])[-1] == "one marker for each group"
 
 
 def test_pictures_are_narrow_enough_for_a_telephone(alloy, main_job, compared, studied):

@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import warnings
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -504,6 +505,20 @@ def test_pictures_of_many_parameters_are_no_wider_than_others(decay):
     figure = correlation_figure(result)
     assert figure.get_figwidth() <= 6.4
     assert len(figure.axes[0].patches) == 16 * 15
+
+
+def test_names_of_eight_parameters_of_two_data_sets_do_not_overlap():
+    """Nor leave the picture."""
+    owners = ("aluminium alloy 7075", "stainless steel 316")
+    names = [f"p{k}[{owner}]" for owner in owners for k in range(4)]
+    figure = posterior_figure(drawn(**dict.fromkeys(names, (0.3, 0.1))))
+    figure.canvas.draw()
+    axes = [(ax.xaxis.label, ax.yaxis.label) for ax in figure.axes]
+    for which in zip(*axes, strict=True):
+        boxes = [label.get_window_extent() for label in which if label.get_text()]
+        assert len(boxes) >= 7
+        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+        assert all(figure.bbox.contains(*end) for box in boxes for end in (box.p0, box.p1))
 
 
 @pytest.mark.parametrize("dof", [4, "estimate"])
