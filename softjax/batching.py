@@ -333,11 +333,12 @@ def over_impacts(
 
     single = partial(of_leaves, function)
     if forward:
+        _check_not_varying(leaves)
         backwards = None if reversible is None else partial(of_leaves, reversible)
         run = forward_differentiated(single, shared, reversible=backwards)
     else:
         f = jax.checkpoint(jax.vmap(single, in_axes=[None if common else 0 for common in shared]))
-        run = lambda *leaves: _in_rows(f, leaves, shared, BY_REVERSE)  # noqa: E731
+        run = partial(_in_rows, f, shared, BY_REVERSE)
     if len(shape) > 1 and on_several_devices():
         for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
             run = jax.vmap(run, in_axes=[None if common else 0 for common in shared])
@@ -346,27 +347,24 @@ def over_impacts(
     return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), run(*flat))
 
 
-def _in_rows(f: Callable, leaves: Sequence, shared: Shared, size: int):
+def _in_rows(f: Callable, shared: Shared, size: int, *leaves):
     """`f(*leaves)` of a row of impacts, so many at a time: what is stored of them stays in the cache."""
     each = [leaf for leaf, common in zip(leaves, shared, strict=True) if not common]
-    if on_several_devices():
+    chunks = -(-len(each[0]) // (size if _on_cpu() else ON_GPU))
+    if chunks <= 1 or on_several_devices():
         return f(*leaves)
-    size = size if _on_cpu() else ON_GPU
 
     def of_row(*some):
         parts = iter(some)
         return f(*(x if common else next(parts) for x, common in zip(leaves, shared, strict=True)))
 
-    return in_chunks(of_row, each, -(-len(each[0]) // size))
+    return in_chunks(of_row, each, chunks)
 
 
 def _mapped(single: Single, shared: Shared, size: int) -> Callable:
     """`single` of a row of impacts; under `vmap` of as many more impacts in the same row."""
-
-    @custom_vmap
-    def mapped(*leaves):
-        f = jax.vmap(single, in_axes=[None if common else 0 for common in shared])
-        return _in_rows(f, leaves, shared, size)
+    f = jax.vmap(single, in_axes=[None if common else 0 for common in shared])
+    mapped = custom_vmap(partial(_in_rows, f, shared, size))
 
     @mapped.def_vmap
     def rule(axis_size, batched, *leaves):
@@ -402,11 +400,7 @@ def forward_differentiated(
     these are more than `MANY`, the rows of the matrix come from `reversible` by reverse mode. The
     matrix is differentiated forward again.
     """
-
-    @jax.custom_jvp
-    def wrapped(*leaves):
-        _check_not_varying(leaves)
-        return _mapped(single, shared, size)(*leaves)
+    wrapped = jax.custom_jvp(_mapped(single, shared, size))
 
     def rule(primals, tangents):
         active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]

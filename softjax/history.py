@@ -10,8 +10,8 @@ from softjax.checks import ArgumentError
 from softjax.engine.impact import (
     Impact,
     check_law,
-    collisions,
     common_precision,
+    elastic_collisions,
     prepare,
     results,
     with_elastic,
@@ -115,7 +115,7 @@ def _samples(impact: Impact, fractions, route: ODE):
         samples = encke.elastic_history(exponent, moving / scales.velocity, fractions)
         elastic = _in(si_units(law, Reduced(None, scales, moving)), samples)
         if law.never_yields:
-            return elastic, collisions(impact, route)
+            return elastic, elastic_collisions(impact, clock=False, force=False)
     history = motion.history if independent else motion.damped_history
 
     def single(law, y, below, route):
@@ -125,7 +125,7 @@ def _samples(impact: Impact, fractions, route: ODE):
         units = slow_units(law, collision, below)
         return collision.scaled(units), _in(units, samples)
 
-    impacts = law.impacts(impact.acting)
+    impacts = law.reduced_at(impact.acting)
     batch = impacts.law, impacts.y, impacts.below, route
     collision, samples = over_impacts(single, batch, forward=True)
     units = si_units(law, impacts)

@@ -11,13 +11,14 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from softjax.batching import batched
 from softjax.checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, shown
 from softjax.engine.impact import (
+    Impact,
     check_law,
     collisions,
     common_precision,
     judged,
-    prepare,
     results,
 )
+from softjax.engine.outcome import Collision
 from softjax.fields import Flags, Numbers, checked, is_array, numbers_of, whole_leaves
 from softjax.laws.base import ContactLaw
 from softjax.routes import AbstractRoute, as_argument
@@ -71,7 +72,8 @@ class Restitution(eqx.Module):
         law, velocity = common_precision(self.law, self.velocity)
 
         def computed(law, route, velocity):
-            return batched(_observable, (law, as_argument(route)), velocity, quantity)
+            parameters = law, as_argument(route), None
+            return batched(collisions, parameters, velocity, _observable, quantity)
 
         # impacts that each have a law of their own
         if self.each and any(whole_leaves((law, self.route))):
@@ -151,7 +153,8 @@ def restitution(
     check_law(law)
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
-    parts = batched(_restitution, (law, as_argument(route)), velocity, overlaps)
+    parameters = law, as_argument(route), None
+    parts = batched(collisions, parameters, velocity, results, "overlaps" if overlaps else None)
     (law, velocity, route), each = _kept((law, velocity, route))
     return Restitution(law, velocity, *parts, route, each)
 
@@ -218,7 +221,7 @@ def signed_restitution(
         shape = check_broadcast({"velocity": velocity, "elastic": elastic} | numbers_of(law))
     law, velocity = common_precision(law, velocity)
     velocity = velocity if elastic is None else jnp.broadcast_to(velocity, shape)
-    return batched(_signed, (law, as_argument(route), elastic), velocity)
+    return batched(collisions, (law, as_argument(route), elastic), velocity, _signed, None)
 
 
 def _truth_values(elastic):
@@ -233,10 +236,7 @@ def _truth_values(elastic):
     raise ArgumentError(f"`elastic` must be {accepted}, but is {shown(elastic)}")
 
 
-def _signed(parameters, velocity):
-    law, route, elastic = parameters
-    impact = prepare(law, velocity, elastic)
-    collision = collisions(impact, route)
+def _signed(impact: Impact, collision: Collision, _):
     squared, status = judged(impact, collision)
     return SignedRestitution(jnp.where(impact.valid & collision.answered, squared, 0.0), status)
 
@@ -257,16 +257,7 @@ def _chosen(law: ContactLaw, route: AbstractRoute | None) -> AbstractRoute:
     return route
 
 
-def _restitution(parameters, velocity, overlaps: bool):
-    law, route = parameters
-    impact = prepare(law, velocity)
-    return results(impact, collisions(impact, route), overlaps)
-
-
-def _observable(parameters, velocity, quantity: str):
+def _observable(impact: Impact, collision: Collision, quantity: str):
     """Duration or largest force, 0 without a contact that ends."""
-    law, route = parameters
-    impact = prepare(law, velocity)
-    collision = collisions(impact, route, clock=quantity == "duration", force=quantity == "force")
     acts = impact.valid & (impact.velocity > 0)
     return jnp.where(acts, getattr(collision, quantity), 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from softjax.batching import over_impacts
 from softjax.checks import ArgumentError, check_choice, is_traced
 from softjax.engine import energy
-from softjax.engine.outcome import Collision, Units, slow_units, stated
+from softjax.engine.outcome import Collision, Units, stated
 from softjax.fields import Numbers
 from softjax.laws.base import ForceLaw, HardSphereLaw, RateDependentLaw
 from softjax.laws.forces import answer
@@ -55,12 +55,6 @@ def si_units(law, impacts: Reduced) -> Units:
     return Units(scales.time, scales.overlap, scales.velocity, law.force_scale(scales))
 
 
-def _of_impact(compute, law, y, below, *route) -> Collision:
-    """One impact, a slow one from that which stands for it."""
-    collision = compute(law, y, *route)
-    return collision if below is None else collision.scaled(slow_units(law, collision, below))
-
-
 class EnergyBalance(AbstractRoute):
     """Works and roots in closed form or by quadrature, no time integration: exact, the default.
 
@@ -79,12 +73,12 @@ class EnergyBalance(AbstractRoute):
         )
 
     def collide(self, law, velocity: Numbers, *, clock=False, force=False) -> Collision:
-        impacts = law.impacts(velocity)
+        impacts = law.reduced_at(velocity)
         batch = impacts.law, impacts.y, impacts.below
         if isinstance(impacts.law, ReducedClosedForm):
-            collision = _of_impact(partial(energy.in_closed_form, clock=clock, force=force), *batch)
+            collision = energy.in_closed_form(*batch, clock=clock, force=force)
         else:
-            single = partial(_of_impact, partial(energy.by_quadrature, clock=clock, force=force))
+            single = partial(energy.by_quadrature, clock=clock, force=force)
             collision = over_impacts(single, batch, forward=False)
         return collision.scaled(si_units(law, impacts))
 
@@ -190,9 +184,9 @@ class ODE(AbstractRoute):
         # diffrax is imported when it is used
         from softjax.engine.motion import rate_dependent, rate_independent
 
-        impacts = law.impacts(velocity)
+        impacts = law.reduced_at(velocity)
         integrate = rate_dependent if isinstance(law, RateDependentLaw) else rate_independent
-        single = partial(_of_impact, partial(integrate, clock=clock, force=force))
+        single = partial(integrate, clock=clock, force=force)
         batch = impacts.law, impacts.y, impacts.below, self
 
         def reversible(law, y, below, route: ODE) -> Collision:

@@ -70,16 +70,15 @@ def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = Fal
         return (walk.state if save is None else walk.samples), walk.before >= 1
 
     closed, constants = jax.closure_convert(scaled, jnp.zeros_like(span), state, None)
-    count = len(state)
 
-    def whole(*leaves):
-        walk = _walked(_around(closed, leaves[count:]), leaves[:count], route, save, smooth)
+    def whole(state, constants):
+        walk = _walked(_around(closed, constants), state, route, save, smooth)
         return (walk.state if save is None else walk.samples), walk.before >= 1
 
     solver, backwards = _solver(route), None  # of samples, and by Euler's method: forward
     if isinstance(solver, dfx.AbstractERK) and save is None:
-        backwards = partial(_swept, closed, count, route, smooth, solver.tableau)
-    return along_active(whole, *state, *constants, slopes=backwards)
+        backwards = partial(_swept, closed, len(state), route, smooth, solver.tableau)
+    return along_active(whole, state, constants, slopes=backwards)
 
 
 def _around(closed, constants):

@@ -42,7 +42,7 @@ def elastic_duration(exponent: float, y: Numbers) -> Numbers:
     return 2 * half * y ** (2 / exponent - 1)
 
 
-def in_closed_form(law: ReducedClosedForm, y, *, clock=False, force=False) -> Collision:
+def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False) -> Collision:
     """Collisions beyond the elastic stage of a law that knows them, arrays of impacts."""
     largest = law.largest_velocity()
     turns = y < largest
@@ -57,10 +57,11 @@ def in_closed_form(law: ReducedClosedForm, y, *, clock=False, force=False) -> Co
     if clock:
         rise, fall = _closed_times(law, peak, release)
         peak, back = peak._replace(time=rise), back._replace(time=fall)
-    return outcome.assemble(law, peak, release, back, _gain(y), force)
+    collision = outcome.assemble(law, peak, release, back, _gain(y), force)
+    return outcome.unlifted(law, collision, below)
 
 
-def by_quadrature(law: ReducedRateIndependent, y, *, clock=False, force=False) -> Collision:
+def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=False) -> Collision:
     """A collision beyond the elastic stage by any law's forces, one impact."""
     peak = _loading(law, y)
     x_m = peak.overlap
@@ -75,7 +76,8 @@ def by_quadrature(law: ReducedRateIndependent, y, *, clock=False, force=False) -
     if clock:
         fall = _fall(law, x_m, release.residual, release.recovered)
         peak, back = peak._replace(time=_rise(law, x_m)), back._replace(time=fall)
-    return outcome.assemble(law, peak, release, back, _gain(y), force)
+    collision = outcome.assemble(law, peak, release, back, _gain(y), force)
+    return outcome.unlifted(law, collision, below)
 
 
 def _gain(y: Numbers) -> float:

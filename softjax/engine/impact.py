@@ -1,5 +1,7 @@
 """Validate and normalise a batch of impacts, and compute it: elastic ones here, the others by a route."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,7 +15,6 @@ from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndepende
 from softjax.laws.forces import answer
 from softjax.numerics.powers import safe_power, safe_sqrt
 from softjax.numerics.roots import where_needed
-from softjax.routes import AbstractRoute
 from softjax.status import Status
 
 
@@ -116,27 +117,38 @@ def _some_velocity(law: ContactLaw):
     return jnp.where((limit > 0) & jnp.isfinite(limit), 2 * limit, scale)
 
 
-def collisions(
-    impact: Impact, route: AbstractRoute, *, clock: bool = False, force: bool = False
-) -> Collision:
-    """Elastic impacts by Hertz's or the law's own power law, the others by the route; in SI."""
+def collisions(parameters, velocity, output: Callable, requested: str | None):
+    """`output(impact, collision, requested)`: elastic impacts by a power law, others by the route; in SI.
+
+    Args:
+        parameters: law, route and branch (see `prepare`).
+        requested: "overlaps", "duration", "force" or None.
+    """
+    law, route, branch = parameters
+    impact = prepare(law, velocity, branch)
     law = impact.law
-    if isinstance(law, HardSphereLaw):
-        squared = answer(law, "restitution_squared", impact.velocity)
-        squared = jnp.where(impact.elastic, 1.0, squared)
-        return stated(squared, 0.0, 0.0, 0.0 if clock else None, 0.0 if force else None)
+    clock, force = requested == "duration", requested == "force"
     if isinstance(law, RateIndependentLaw) and law.never_yields:
-        return _elastic(impact, clock, force)
-    return with_elastic(impact, route.collide(law, impact.acting, clock=clock, force=force))
+        collision = elastic_collisions(impact, clock, force)
+    elif isinstance(law, HardSphereLaw):
+        squared = answer(law, "restitution_squared", impact.velocity)
+        found = stated(squared, 0.0, 0.0, 0.0 if clock else None, 0.0 if force else None)
+        collision = with_elastic(impact, found)
+    else:
+        found = route.collide(law, impact.acting, clock=clock, force=force)
+        collision = with_elastic(impact, found)
+    return output(impact, collision, requested)
 
 
 def with_elastic(impact: Impact, collision: Collision) -> Collision:
     """Collisions by a route, elastic impacts among them as they are known."""
-    elastic = _elastic(impact, collision.duration is not None, collision.force is not None)
+    elastic = elastic_collisions(
+        impact, collision.duration is not None, collision.force is not None
+    )
     return jax.tree.map(lambda e, p: jnp.where(impact.elastic, e, p), elastic, collision)
 
 
-def _elastic(impact: Impact, clock: bool, force: bool) -> Collision:
+def elastic_collisions(impact: Impact, clock: bool, force: bool) -> Collision:
     """Impacts that give back all they took, where some are; at rest if the law has damping."""
     law, one = impact.law, jnp.ones_like(impact.velocity)
     if not isinstance(law, RateIndependentLaw):
@@ -172,7 +184,7 @@ def judged(impact: Impact, collision: Collision):
     return squared, jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
 
 
-def results(impact: Impact, collision: Collision, overlaps: bool = True):
+def results(impact: Impact, collision: Collision, requested: str | None = None):
     """ε, ε_p, largest and residual overlap [m] and the status."""
     squared, status = judged(impact, collision)
     turns = (collision.flags & int(Status.NO_TURNING_POINT)) == 0
@@ -185,7 +197,7 @@ def results(impact: Impact, collision: Collision, overlaps: bool = True):
     return (
         jnp.where(answered, safe_sqrt(squared), 0.0),
         jnp.where(answered, safe_sqrt(collision.energy), 0.0),
-        in_metres(collision.peak) if overlaps else None,
-        in_metres(collision.residual) if overlaps else None,
+        in_metres(collision.peak) if requested == "overlaps" else None,
+        in_metres(collision.residual) if requested == "overlaps" else None,
         status,
     )

@@ -7,6 +7,7 @@ unloading as a fall (`falls`). Of a rate-dependent law all is integrated in the 
 elastic power law: up to the peak, and on to where the overlap vanishes, or to where the force does.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -44,7 +45,7 @@ DAMPED_UNKNOWN = 1e-4
 FORCE_NODES = 33  # of the polynomial through the force on loading
 
 
-def rate_independent(law, y, route: Any, *, clock=False, force=False) -> Collision:
+def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
     """One collision beyond the elastic stage."""
     peak = _loading(law, y, route, clock)
     release = _release(law, peak.overlap)
@@ -54,7 +55,8 @@ def rate_independent(law, y, route: Any, *, clock=False, force=False) -> Collisi
     if clock:
         time, timed = falls.times(fall, y, route)
         back = back._replace(time=time, solved=solved & timed)
-    return outcome.assemble(law, peak, release, back, _gain(law, route, y.dtype), force)
+    collision = outcome.assemble(law, peak, release, back, _gain(law, route, y.dtype), force)
+    return outcome.unlifted(law, collision, below)
 
 
 def history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
@@ -121,13 +123,9 @@ def _begins_elastic(law) -> bool:
 
 
 def _loading(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
-    leaves, structure = jax.tree.flatten((law.on_loading(), y, route))
-    loaded = encke.loading if _begins_elastic(law) else _staged
-
-    def one(*leaves):
-        return loaded(*jax.tree.unflatten(structure, leaves), clock)
-
-    return one(*leaves) if route.by_reverse else along_active(one, *leaves)
+    loaded = partial(encke.loading if _begins_elastic(law) else _staged, clock=clock)
+    impact = law.on_loading(), y, route
+    return loaded(*impact) if route.by_reverse else along_active(loaded, *impact)
 
 
 def _staged(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
@@ -262,7 +260,7 @@ def _scene(law: ReducedRateDependent, y: Numbers) -> _Scene:
     return _Scene(law, y, length, turns, Plane(excess, m))
 
 
-def rate_dependent(law, y, route: Any, *, clock=False, force=False) -> Collision:
+def rate_dependent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
     """One collision at y > 0."""
     scene = _scene(law, y)
     peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock), PEAK, route)
@@ -275,7 +273,7 @@ def rate_dependent(law, y, route: Any, *, clock=False, force=False) -> Collision
     if force:
         pull = jnp.where(collision.answered, _largest_force(scene, route), 0.0)
         collision = collision._replace(force=pull)
-    return collision
+    return outcome.unlifted(law, collision, below)
 
 
 def _assembled(scene: _Scene, peak: States, end: States, arrived, route) -> Collision:

@@ -101,6 +101,11 @@ def slow_units(law, collision: Collision, below: Numbers) -> Units:
     return Units(far / jnp.where(below > 0, below, 1.0), overlap, below, below * below / overlap)
 
 
+def unlifted(law, collision: Collision, below: Numbers | None) -> Collision:
+    """The collision of the impact itself, from that of the lifted one."""
+    return collision if below is None else collision.scaled(slow_units(law, collision, below))
+
+
 class Peak(NamedTuple):
     """The end of loading.
 

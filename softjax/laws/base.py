@@ -14,7 +14,6 @@ under tracing, and what a fit knows of them follow from that.
 
 from abc import abstractmethod
 from collections.abc import Iterable
-from functools import partial
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -96,13 +95,10 @@ class ForceLaw(ContactLaw):
         raise ArgumentError(f"`{name}` is given by its forces: it has no reduced form of its own")
 
     def reduced_at(self, velocity: Numbers) -> Reduced:
-        """Impacts at v > 0 [m/s] of a law that is given reduced."""
-        return lifted(self.reduced(), self.scales(), velocity)
-
-    def impacts(self, velocity: Numbers) -> Reduced:
         """Impacts at v > 0 [m/s] as the routes take them."""
-        reduced = self.reduced_at if self.is_reduced() else partial(reduced_by_forces, self)
-        return reduced(velocity)
+        if not self.is_reduced():
+            return reduced_by_forces(self, velocity)
+        return lifted(self.reduced(), self.scales(), velocity)
 
     def force_scale(self, scales: Scales | None = None):
         """(5/4) M V²/L [N]."""

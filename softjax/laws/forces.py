@@ -5,7 +5,7 @@ forces and overlaps of the order of one, whatever the size of the bodies and how
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from traceback import walk_tb
 from typing import Any, NamedTuple
@@ -51,6 +51,10 @@ ANSWERS = {
     "breakpoints": (tuple, "a tuple of numbers"),
     "closed_form": (KnownCollision, "a KnownCollision of numbers"),
 }
+
+# methods of a user's law, and of how many overlaps and velocities they are
+ANSWERS_ON_LOADING = {"loading_force": 1, "elastic_overlap": 0, "breakpoints": 0}
+ANSWERS_ON_UNLOADING = {"unloading_force": 2, "residual_overlap": 1}
 
 NOT_TRACEABLE = (
     jax.errors.ConcretizationTypeError,  # math.exp(overlap), `if overlap > 0`
@@ -166,7 +170,7 @@ class ForcesOfImpact(ReducedRateIndependent):
         return tuple(jnp.asarray(overlap) / self.length for overlap in overlaps)
 
     def on_loading(self) -> "ForcesOfImpact":
-        return replace(self, law=_differentiable(self.law.whole, _answers_on_loading))
+        return replace(self, law=_differentiable(self.law.whole, ANSWERS_ON_LOADING))
 
     def exponent_at(self, peak: Numbers) -> Numbers:
         return jax.lax.stop_gradient(_exponent(self.loading, peak))
@@ -225,15 +229,17 @@ def reduced_by_forces(law, velocity: Numbers) -> Reduced:
     unit = law.force_scale(scales)
     reduced: ForcesOfImpact | ForceOfImpact
     if hasattr(law, "loading_force"):
-        reduced = ForcesOfImpact(_differentiable(law, _all_answers), scales.overlap, unit)
+        reduced = ForcesOfImpact(
+            _differentiable(law, ANSWERS_ON_LOADING | ANSWERS_ON_UNLOADING), scales.overlap, unit
+        )
     else:
-        acting = _differentiable(law, lambda law, x: answer(law, "force", x, x))
+        acting = _differentiable(law, {"force": 2})
         reduced = ForceOfImpact(acting, scales.overlap, lifted, unit)
     return Reduced(reduced, scales, jnp.ones_like(unit), jnp.minimum(velocity / slowest, 1.0))
 
 
-def _differentiable(law, answers: Callable) -> Forces:
-    """The law without the derivatives of those of its numbers that its answers ignore.
+def _differentiable(law, methods: dict[str, int]) -> Forces:
+    """The law without the derivatives of those of its numbers that these methods ignore.
 
     A mass or a yield strength of which a force says nothing would cost a tangent all the way.
     """
@@ -243,29 +249,18 @@ def _differentiable(law, answers: Callable) -> Forces:
         jax.ShapeDtypeStruct(jnp.shape(leaf) if whole else (), jnp.result_type(leaf))
         for leaf, whole in zip(leaves, whole_leaves(arrays), strict=True)
     ]
+    single = combine(jax.tree.unflatten(structure, kinds), static)
     overlap = jax.ShapeDtypeStruct((), jnp.result_type(law.contact.radius))
-
-    def of_leaves(x, *leaves):
-        return answers(combine(jax.tree.unflatten(structure, leaves), static), x)
-
-    program = jax.make_jaxpr(of_leaves)(overlap, *kinds).jaxpr
-    used = {v for v in program.outvars if not isinstance(v, Literal)}
-    for equation in reversed(program.eqns):
-        if not used.isdisjoint(equation.outvars):
-            used.update(v for v in equation.invars if not isinstance(v, Literal))
+    acting: np.ndarray = np.zeros(len(leaves), bool)
+    for method, count in methods.items():
+        program = eqx.filter_make_jaxpr(answer)(single, method, *[overlap] * count)[0].jaxpr
+        used = {v for v in program.outvars if not isinstance(v, Literal)}
+        for equation in reversed(program.eqns):
+            if not used.isdisjoint(equation.outvars):
+                used.update(v for v in equation.invars if not isinstance(v, Literal))
+        acting |= [variable in used for variable in program.invars[: len(leaves)]]
     kept = [
-        leaf if variable in used else jax.lax.stop_gradient(leaf)
-        for leaf, variable in zip(leaves, program.invars[1:], strict=True)
+        leaf if acts else jax.lax.stop_gradient(leaf)
+        for leaf, acts in zip(leaves, acting, strict=True)
     ]
     return Forces(jax.tree.unflatten(structure, kept), static)
-
-
-def _answers_on_loading(law, x: Numbers) -> list:
-    ends = answer(law, "elastic_overlap"), *answer(law, "breakpoints")
-    return [answer(law, "loading_force", x), *ends]
-
-
-def _all_answers(law, x: Numbers) -> list:
-    residual = answer(law, "residual_overlap", x)
-    unloading = answer(law, "unloading_force", x, x), *([] if residual is None else [residual])
-    return [*_answers_on_loading(law, x), *unloading]

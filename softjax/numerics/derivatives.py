@@ -14,8 +14,8 @@ Single = Callable[..., Any]  # of leaves of one impact
 Shared = Sequence[bool]  # which leaves are the same for all impacts
 
 
-def along_active(f: Callable, *leaves, slopes: Callable | None = None):
-    """`f(*leaves)` of one impact, differentiated along those of its leaves alone that have a tangent.
+def along_active(f: Callable, *trees, slopes: Callable | None = None):
+    """`f(*trees)` of one impact, differentiated along those of its leaves alone that have a tangent.
 
     A part of a collision would carry a tangent for each number of the law, zeros too: one that acts
     on unloading alone costs nothing on loading.
@@ -24,19 +24,21 @@ def along_active(f: Callable, *leaves, slopes: Callable | None = None):
         slopes: of the positions of these leaves and all leaves the value and its derivatives, as
             `value_and_slopes` gives them.
     """
-    slopes = partial(value_and_slopes, f) if slopes is None else slopes
+    leaves, structure = jax.tree.flatten(trees)
 
     @jax.custom_jvp
-    def wrapped(*leaves):
-        return f(*leaves)
+    def of_leaves(*leaves):
+        return f(*jax.tree.unflatten(structure, leaves))
+
+    slopes = partial(value_and_slopes, of_leaves.fun) if slopes is None else slopes
 
     def rule(primals, tangents):
         active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
         value, matrix = slopes(active, *primals)
         return value, contracted(matrix, jnp.concatenate([jnp.ravel(tangents[i]) for i in active]))
 
-    wrapped.defjvp(rule, symbolic_zeros=True)
-    return wrapped(*leaves)
+    of_leaves.defjvp(rule, symbolic_zeros=True)
+    return of_leaves(*leaves)
 
 
 def value_and_slopes(single: Single, active: Sequence[int], *primals):

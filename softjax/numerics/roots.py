@@ -43,10 +43,7 @@ def implicit_root(solve: Callable, residual: Callable, slope: Callable | None = 
             nears 1 the difference would be lost to rounding.
         slope: dF/dx of (x, *params), where it is known.
     """
-
-    @jax.custom_jvp
-    def root(*params: Any) -> Any:
-        return solve(*params)
+    root: Any = jax.custom_jvp(solve)
 
     @root.defjvp
     def rule(params, tangents):

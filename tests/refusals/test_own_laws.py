@@ -1,6 +1,7 @@
 """Methods of the user's law that return no numbers, or that JAX cannot trace: one line with the remedy."""
 
 import math
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import pair
+from tests.cases import fitted, pair
 
 PAIR = pair("nylon")
 
@@ -129,6 +130,24 @@ def test_what_else_a_law_states(what):
     wanted, found = refused(method, function, 1.0).split(", but returns ")
     assert wanted == f"`Own.{method}` must return {accepted}"
     assert described in found
+
+
+def unanswered(*_):
+    raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("route", [sj.EnergyBalance(), sj.ODE()], ids=["energy", "time"])
+def test_a_laws_formula_is_nine_frames_away(route, monkeypatch):
+    """Whoever follows an error in a force passes nine functions of softjax: the built-in law is one."""
+    zhou = fitted("nylon")
+    monkeypatch.setattr(type(zhou.reduced()), "peak", unanswered)
+    laws = [type("Own", (Line,), {f: unanswered})(PAIR) for f in FORCES[:2]]
+    laws += [type("Own", (Damped,), {"force": unanswered})(PAIR)] if route == sj.ODE() else [zhou]
+    for law in laws:
+        with pytest.raises(ZeroDivisionError) as caught:
+            sj.restitution(law, [0.1, 1.0], route)
+        inside = [e for e in caught.traceback if Path(sj.__file__).parent in Path(e.path).parents]
+        assert len(inside) + (law is zhou) <= 9
 
 
 def test_the_same_by_time():
