@@ -497,9 +497,9 @@ def _joint(request: Request, with_chi, through: dict[str, Estimate]) -> Componen
     on_line, parameters = {name: Parameter(through[name].value) for name in LINE}, []
     for fit, spec, k in with_chi:
         stated = {e.name: e.parameter for e in spec.local if e.parameter.value is not None}
-        elements, limits = fit.component.elements, fit.uncertainty.limits
+        elements, theta = fit.component.elements, fit.final.problem.transform.physical(fit.z)
         for name, place in fit.component.places(elements[k].sets[0]).items():
-            start = {} if limits[place] else {"value": float(fit.theta[place])}
+            start = {"value": float(theta[place])}
             stated[name] = elements[place].parameter.model_copy(update=start)
         stated = {name: value for name, value in stated.items() if name not in ("chi", DRAG)}
         parameters.append(stated | on_line | dict(spec.model.options))

@@ -9,6 +9,7 @@ at an end of where points keep their branches (`Problem.within`), which is no en
 """
 
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -310,6 +311,14 @@ class _Search:
         )
 
 
+@cache
+def _blas() -> Any:
+    """The libraries of linear algebra, whose threads take twenty times the processor time of matrices so small."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().select(user_api="blas")
+
+
 def search(
     problem: Problem,
     z: Float[np.ndarray, "fits elements"],
@@ -339,8 +348,9 @@ def search(
     state = _Search(problem, z, np.nan if begun is None else begun, fixed, lanes, limit, releases)
     state.evaluations += len(z) * ADAM_STEPS * (optimiser == "adam")
     if len(problem.active):
-        fits, p = state.start.shape
-        state.run(Marquardt(fits, p) if optimiser == "levenberg-marquardt" else Lbfgs(fits, p))
+        method = Marquardt if optimiser == "levenberg-marquardt" else Lbfgs
+        with _blas().limit(limits=1):
+            state.run(method(*state.start.shape))
     else:
         state._stop(np.ones(len(z), bool), ARRIVED[0])
     return state.result()
