@@ -252,7 +252,7 @@ def _design(job: _Job) -> dict[str, Any]:
     from calibration.plots import save, studies
     from calibration.studies.designs import optimal_velocities
     from calibration.studies.inputs import pair
-    from calibration.studies.text import design_csv, wrapped
+    from calibration.studies.text import design_csv, drops_text, wrapped
 
     arguments, over = job.arguments, job.arguments.over
     limit = getattr(job.contact, "limit_velocity", math.inf)
@@ -272,7 +272,8 @@ def _design(job: _Job) -> dict[str, Any]:
     write_text(job.folder / "design.csv", design_csv(design, job.source.fall))
     count = len(job.draws)
     average = f"on average over {count} draws of the posterior: " if count else ""
-    job.text.append(wrapped(f"{average}{design}"))
+    drops = "" if job.source.fall is None else f"\n{drops_text(design, job.source.fall)}"
+    job.text.append(wrapped(f"{average}{design}{drops}"))
     return design.to_dict() | ({"draws": count} if count else {})
 
 

@@ -93,6 +93,7 @@ def _fault(
         known = known_below(model, place[:-1])
         more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
         near = did_you_mean(str(place[-1]), known).strip(" ()")
+        near = "it belongs under [fit]" if place[-1] in known_below(model, ("fit",)) else near
         problem = f"unknown key {shown(repr(place[-1]))}"
         accepted = near or f"known here are {listed(known[:MOST])}{more}"
     else:

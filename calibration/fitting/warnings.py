@@ -47,11 +47,11 @@ ADVICE = {
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
     "model-misfit": (
-        f"The misfit exceeds the noise: these intervals are too narrow. {OTHER_LAWS}; "
-        "`extra_scatter` estimates what the stated uncertainties lack."
+        f"The misfit exceeds the noise: these intervals are too narrow. Check the law ({OTHER_LAWS}), or "
+        "estimate by `extra_scatter` what the stated uncertainties lack (an option, also under [fit])."
     ),
     "stated-uncertainty": (
-        f"Check the stated uncertainties (unit, rounding, what they include) and the law: {OTHER_LAWS}. "
+        f"Check the stated uncertainties (unit, rounding, what they include) and the law ({OTHER_LAWS}). "
         "An estimated scatter takes either fault as noise."
     ),
     "residual-runs": (

@@ -128,7 +128,7 @@ def _warnings(comparison: Any) -> list[Item]:
 
 def _advice(warning: Any) -> str:
     """Advice without the suggestion to compare laws."""
-    return warning.advice.replace(f" ({OTHER_LAWS})", "").replace(f" {OTHER_LAWS}.", "")
+    return warning.advice.replace(f" ({OTHER_LAWS})", "")
 
 
 def _as_dict(comparison: Any) -> dict[str, Any]:

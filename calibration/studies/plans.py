@@ -339,12 +339,12 @@ class Planned:
             return []
 
         def text(error: float | None) -> str:
-            return "not determined" if error is None else f"to {100 * error:.2g} %"
+            return "not determined" if error is None else f"{100 * error:.2g} %"
 
         shown = ", ".join(f"{name} to {100 * u:.2g} %" for name, u in self.sensors.items())
-        pairs = ((name, text(error), text(self.without[name])) for name, error in errors.items())
-        lines = (f"  {name}: {error}; without: {other}" for name, error, other in pairs)
-        return [f"with {shown} of each impact", *lines]
+        rows = zip(self.symbols, errors.values(), self.without.values(), strict=True)
+        lines = (f"  {symbol}: {text(error)} ({text(other)})" for symbol, error, other in rows)
+        return [f"Relative standard errors with {shown} in each impact (without):", *lines]
 
     def _as_dict(self, table: Mapping[str, Any]) -> dict[str, Any]:
         named = {"sensors": self.sensors, "without_sensors": self.without}

@@ -85,11 +85,24 @@ def sensitivities_csv(sensitivities: Sensitivities) -> str:
 def design_csv(design: Design, fall: Fall | None) -> str:
     """The velocities to shoot at, how often, and drop heights in the unit of the data, in their air."""
     fall = fall or Fall()
-    heights = fall.height(np.array([v for v, _ in design.support]))
-    pairs = zip(design.support, heights, strict=True)
-    rows = [f"{v:.6g},{shots},{float(f'{height:.4g}'):g}" for (v, shots), height in pairs]
+    rows = [f"{v:.6g},{n},{height}" for (v, n), height in zip(*_drops(design, fall), strict=True)]
     where = " without air" * (fall.density is None)
     return "\n".join([f"velocity [m/s],shots,drop height{where} [{fall.unit}]", *rows]) + "\n"
+
+
+def drops_text(design: Design, fall: Fall) -> str:
+    """The heights of planned drops."""
+    drops = [
+        f"{n} from {height} {fall.unit}"
+        for (_, n), height in zip(*_drops(design, fall), strict=True)
+    ]
+    return f"Drop heights: {', '.join(drops)}."
+
+
+def _drops(design: Design, fall: Fall) -> tuple[list[tuple[float, int]], list[str]]:
+    """Velocity and number of the shots, and the heights that they fall from, to four digits."""
+    heights = fall.height(np.array([v for v, _ in design.support]))
+    return design.support, [f"{float(f'{height:.4g}'):g}" for height in heights]
 
 
 def warnings_text(warnings: Sequence[FitWarning]) -> str:

@@ -89,10 +89,13 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
     assert both["design"]["without_sensors"].keys() == both["design"]["relative_errors"].keys()
     header, *lines = Path("results/design.csv").read_text(encoding="utf-8").splitlines()
     assert header == "velocity [m/s],shots,drop height [cm]"
+    out = " ".join(capsys.readouterr().out.split())
     for line in lines:
-        v, _, height = map(float, line.split(","))
+        v, shots, height = map(float, line.split(","))
         assert height == pytest.approx(np.interp(v, data.velocity, drop), rel=0.05)
-    assert " now," in capsys.readouterr().out
+        assert f"{shots:g} from {height:g} cm" in out
+    assert " now," in out
+    assert "with contact_time to 2 % in each impact (without): A: " in out
     known = told_by(*plan, "--study", "information")["information"]
     result = cal.FitResult.load("fitted/fit.json")
     error = result.standard_errors["dissipation_time"] / result.values["dissipation_time"]

@@ -127,6 +127,7 @@ TOML_FILES = {
     "an empty TOML": ("m.toml:1", "no material|[[material]]", ""),
     "one table for an array": ("m.toml:1", "material|[[material]]", TOML.replace("[[", "[", 1).replace("]]", "]", 1)),
     "unknown key": ("m.toml:3", "'young_modulus'|did you mean 'youngs_modulus'", key(3, "young_modulus = 1e11")),
+    "a setting of the fit among the bodies": ("m.toml:3", "'extra_scatter'|it belongs under [fit]", key(3, "extra_scatter = true")),
     "unknown key of a wall": ("m.toml:14", "'x'|youngs_modulus", TOML + WALL + "x = 1\n"),
     "unknown table": ("m.toml:9", "'fits'|did you mean 'fit'", TOML + "[fits]\nx = 1\n"),
     "missing property": ("m.toml:1", "density|missing|yield_strength", key(5, "")),
