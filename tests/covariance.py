@@ -4,12 +4,7 @@ import numpy as np
 
 
 def covariance_of(data, slope=0.0, size=None, added=0.0):
-    """Covariance of δε - slope δv of the points, (n, n).
-
-    Args:
-        size: standard deviation of input errors whose size is not stated.
-        added: further variance of each ε.
-    """
+    """Covariance of δε - slope δv of the points, (n, n)."""
     e, n = data.errors, len(data)
     slope = np.broadcast_to(slope, (n,)).astype(float)
     sizes = np.full(1 + int(e.index.max(initial=-1)), size, float) if e.size is None else e.size

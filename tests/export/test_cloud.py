@@ -74,10 +74,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cloud(scene) -> tuple[np.ndarray, np.ndarray]:
-    """180 spheres of both types between the plate and a lid.
-
-    Frames of id, type, x, v, sorted by id; kinetic energy, what contacts have taken, momentum and the impulse of the walls at the start and the end.
-    """
+    """180 spheres of both types between the plate and a lid."""
     folder, laws, step = scene
     rng = np.random.default_rng(5)
     grid = np.stack(np.meshgrid(*[np.arange(6) * 0.04 + 0.02] * 2, np.arange(5) * 0.02 + 0.01), -1)
@@ -116,10 +113,7 @@ def cloud(scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def impacts(frames, step) -> tuple[np.ndarray, np.ndarray]:
-    """Contacts of two spheres, or of one with the plate or the lid: types (the plate's is 0), v, ε; which are clean.
-
-    Clean ones touch nobody else from the frame before to the one after, and their normal hardly turns meanwhile.
-    """
+    """Contacts of two spheres, or of one with the plate or the lid: types (the plate's is 0), v, ε; which are clean."""
     kind = frames[0, :, 1].astype(int)
     radius = np.array([0, *RADII])[kind]
     x, v = frames[..., 2:5], frames[..., 5:8]

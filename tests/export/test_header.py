@@ -208,10 +208,7 @@ def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
 
 @pytest.mark.parametrize("name", [*INDEPENDENT, "kinked"])
 def test_below_the_range_the_restitution_of_its_end_is_held(name, exported):
-    """Within the stated error; faster impacts are as they were, but where they load again a dashpot pushes.
-
-    Loading that is no power law, Thornton's, leaves 0.005 at whatever step.
-    """
+    """Within the stated error; faster impacts are as they were, but where they load again a dashpot pushes."""
     law, velocity = (INDEPENDENT | {"kinked": KINKED})[name], np.geomspace(1e-3, 0.0999, 12)
     made, folder = exported(law, "c", law="exact", tolerance=0.01, below="hold")
     one = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))

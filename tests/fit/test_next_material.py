@@ -138,10 +138,7 @@ def test_a_band_is_what_each_unknown_does(six):
 
 
 def test_psi_acts_below_yield_alone_and_a_value_at_its_bound_is_left_out_of_the_mean(six):
-    """σ and ψ, each with its mean, once gave a band from 0 to 1, though every material knew its ε_up.
-
-    A fit that ends at ψ = 0 has the least number there is, which would make any geometric mean nothing.
-    """
+    """σ and ψ, each with its mean, once gave a band from 0 to 1, though every material knew its ε_up."""
     line = six[2].unloading_line
     psi = [0.4, 0.9, np.finfo(float).tiny]
     materials = tuple(

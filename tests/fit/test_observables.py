@@ -187,11 +187,7 @@ def test_every_observable_and_its_slope_are_in_closed_form():
 
 
 def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back():
-    """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors.
-
-    σ and ψ stay, though all points are above first yield: searches end anywhere along them, minima that
-    differ in nothing else are one, and ε_up has the error that it has where ψ is known.
-    """
+    """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors."""
     case = CASES["sensors, zhou, contact times and dents"]
     data = cal.CoverageCase("x", **case).data(np.random.default_rng((7, 0, 21)))
     free = {"contact.youngs_modulus": cal.Parameter()}

@@ -27,10 +27,7 @@ def constants(spread=0.03, noise=0.02, seed=0):
 
 
 def random_effects(sets, noise=0.02):
-    """μ, τ and the members' best predictions of y_gi ~ N(μ + b_g, s²), b_g ~ N(0, τ²), by REML over all points.
-
-    The restricted likelihood of the whole covariance, without the means of the groups.
-    """
+    """μ, τ and the members' best predictions of y_gi ~ N(μ + b_g, s²), b_g ~ N(0, τ²), by REML over all points."""
     values = np.concatenate([one.restitution for one in sets])
     group = np.repeat(np.arange(len(sets)), len(V))
     together = (group[:, None] == group).astype(float)

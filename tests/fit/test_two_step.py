@@ -208,10 +208,7 @@ def three(names=NAMES):
 
 
 def test_the_line_weighs_what_is_fitted_on_any_scale(tmp_path):
-    """NumPy's weighted line through the fitted χ̃ and their standard errors, and these with the scatter.
-
-    Three materials off the line by two thirds once had a c2 known to 3 %.
-    """
+    """NumPy's weighted line through the fitted χ̃ and their standard errors, and these with the scatter."""
     sets = three()
     result, again = (
         cal.fit(sets, parameters={"chi": Free(bounds=(0.01, 2.5))}, unloading_line=line, **QUICK)

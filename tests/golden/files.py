@@ -55,10 +55,7 @@ def record_report(numbers, path, name=""):
 
 
 def record_printed(numbers, text, name=""):
-    """The numbers of the tables that a command prints, but of those with times.
-
-    Of a comparison none counts as an estimate: its differences are of densities.
-    """
+    """The numbers of the tables that a command prints, but of those with times."""
     text = text.replace(" ± ", " +- ") if name == "compare " else text
     blocks = [block for block in text.split("\n\n") if "seconds" not in block]
     lines = [line.strip() for block in blocks for line in block.splitlines()]

@@ -25,10 +25,7 @@ class Numbers:
         self.table: dict[str, dict[str, list]] = {PHYSICS: {}, ESTIMATE: {}, ERROR: {}}
 
     def physics(self, name: str, value: Any, relative: float = RELATIVE, least=0.0) -> None:
-        """A number that no data and no noise enter, or that follows from given parameters.
-
-        `least` is the smallest tolerance, of numbers that are rounding where they should be 0.
-        """
+        """A number that no data and no noise enter, or that follows from given parameters."""
         self._add(PHYSICS, name, value, np.maximum(relative * np.abs(_array(value)), least))
 
     def estimate(self, name: str, value: Any, error: Any) -> None:

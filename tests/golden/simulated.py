@@ -57,10 +57,7 @@ def rebounds(material=ALLOY, chi=1.2, sigma=0.9, psi=0.5, noise=0.003, seed=1, b
 
 
 def drops(seed=3, truth=(1.5, 1.2, 0.5), scatter=0.006):
-    """A 12 mm bronze ball on a steel plate: nine heights three times, one drop lost [cm, mm].
-
-    Heights are set and read to 2 mm, and ε scatters besides; `truth` is χ̃, σ and ψ.
-    """
+    """A 12 mm bronze ball on a steel plate: nine heights three times, one drop lost [cm, mm]."""
     rng = np.random.default_rng(seed)
     height = np.repeat([0.05, 0.10, 0.20, 0.35, 0.50, 0.75, 1.00, 1.50, 2.00], 3)
     fallen = height + 0.002 * rng.standard_normal(len(height))

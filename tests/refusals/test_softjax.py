@@ -121,9 +121,7 @@ NUMBERS = {
     },
     "empirical": {"velocity": (OR_ZERO, VELOCITY), "sigma": (OR_ZERO, "zero or more")},
     "thornton": {"velocity": (OR_ZERO, VELOCITY), "yield_factor": (POSITIVE, "a positive")},
-    "restitution": {
-        "velocity": ([*OR_ZERO, np.array([0.1], np.longdouble), "fast"], VELOCITY),
-    },
+    "restitution": {"velocity": ([*OR_ZERO, np.array([0.1], np.longdouble), "fast"], VELOCITY)},
     "collide": {"velocity": (OR_ZERO, VELOCITY)},
 }
 OTHERS = {

@@ -297,10 +297,7 @@ def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
 
 
 def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
-    """Its frame has the estimates' numbers; `report` writes what the command does, the page alike.
-
-    In a notebook it prints as elsewhere, though rich would display tables there by itself.
-    """
+    """Its frame has the estimates' numbers; `report` writes what the command does, the page alike."""
     fit = cal.FitResult.load(alloy.folder / "fit.json")
     text = str(fit)
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)

@@ -174,10 +174,7 @@ def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():
 
 
 def simulated(velocity, sets=600) -> float:
-    """Standard deviation of ln χ̃ over fits of sets that follow the law, Gauss and Newton's steps in NumPy.
-
-    χ̃ and σ are fitted: above yield σ stands for both losses.
-    """
+    """Standard deviation of ln χ̃ over fits of sets that follow the law, Gauss and Newton's steps in NumPy."""
     random, z = np.random.default_rng(1), np.log(np.tile([LAW.chi, LAW.sigma], (sets, 1)))
 
     def curve(z):

@@ -290,10 +290,7 @@ def test_a_drop_of_some_centimetres_is_known_worse_than_one_of_metres():
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_promised_errors_are_those_that_fits_of_all_points_reach(kind):
-    """Ten measured points and six planned ones: root mean square promise over the spread of fits of all.
-
-    The spread is known to 1/√(2 n): 3.5 % of 400 sets.
-    """
+    """Ten measured points and six planned ones: root mean square promise over the spread of fits of all."""
     make = KINDS[kind]
     first, more = np.linspace(1.5, 4.0, 10), np.array([1.2, 1.2, 1.2, 6.0, 6.0, 6.0])
     plans, found = [], []

@@ -52,10 +52,7 @@ def expected_at(data, level, rate):
 
 
 def without(data, k):
-    """θ of the likelihood of all points but one, its covariance, and the variance of every point.
-
-    Velocities are carried into ε by the slope.
-    """
+    """θ of the likelihood of all points but one, its covariance, and the variance of every point."""
     v, e, of_v = data.velocity, data.restitution, errors_of_velocity(data)[0]
     kept = np.arange(len(v)) != k
 

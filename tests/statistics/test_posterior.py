@@ -66,10 +66,7 @@ def moments(draws):
 
 
 def check_grid(draws, log_density, **axes):
-    """Draws' moments are those of the density on a grid, within 5 Monte Carlo errors, known to 7 %.
-
-    Without the Jacobian of a transform a mean is off by more than 10 of these errors.
-    """
+    """Draws' moments are those of the density on a grid, within 5 Monte Carlo errors, known to 7 %."""
     grid = np.meshgrid(*axes.values(), indexing="ij")
     density = log_density(*grid)
     weight = np.exp(density - np.max(density))
@@ -147,11 +144,7 @@ def test_a_ridge_is_sampled(posterior):
 
 
 def test_priors_pools_and_what_else_was_measured_enter_as_documented():
-    """ln p of the priors in z = ln θ and the like, at draws, up to a constant; and of each point.
-
-    level: as stated; stiffness: ln θ ~ N(ln start, 2²) by default, pooled members around their mean; tilt
-    on the whole line; noises half-normal. Contact times are those of a spring with a dashpot.
-    """
+    """ln p of the priors in z = ln θ and the like, at draws, up to a constant; and of each point."""
 
     def spring(contact, level, stiffness, tilt):
         return sj.LinearSpringDashpot(contact, stiffness, level * jnp.exp(tilt))
@@ -322,10 +315,7 @@ def test_another_sampler_samples_it(sampler, nylon):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "seed",
-    [
-        0,
-        pytest.param(1, marks=pytest.mark.xfail(strict=False, reason="24 of 4000 draws diverge")),
-    ],
+    [0, pytest.param(1, marks=pytest.mark.xfail(strict=False, reason="24 of 4000 draws diverge"))],
 )
 def test_the_valley_of_sigma_and_psi_is_sampled(seed):
     """10 points below yield and 20 above, noise 0.01: at most 0.5 % of the draws diverge."""
@@ -336,10 +326,7 @@ def test_the_valley_of_sigma_and_psi_is_sampled(seed):
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_the_ridge_of_drops_far_above_yield_is_sampled(seed):
-    """A bronze ball dropped on steel, heights to 2 mm: χ̃ and ε_up only together, χ̃ skewed.
-
-    The density is that on a grid along the ridge; and the statistics have its parts.
-    """
+    """A bronze ball dropped on steel, heights to 2 mm: χ̃ and ε_up only together, χ̃ skewed."""
     data = drops(np.random.default_rng(seed))
     found = cal.fit(data, profiles=False).posterior(seed=seed)
     check_converged(found)

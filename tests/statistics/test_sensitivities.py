@@ -99,10 +99,7 @@ def test_without_rebound_and_at_zero_nothing_is_nan_but_the_logarithm():
 
 
 def test_another_laws_sensitivities_follow_from_its_closed_form():
-    """Thornton: ε = √(6√3/5) √(1 - r²/6) [r/(r + 2 √(6/5 - r²/5))]^{1/4}, r = V_y/v.
-
-    So ε depends on v/V_y alone, and V_y ∝ p_y^{5/2} E*^{-2} ρ^{-1/2}.
-    """
+    """Thornton: ε = √(6√3/5) √(1 - r²/6) [r/(r + 2 √(6/5 - r²/5))]^{1/4}, r = V_y/v."""
     inputs = cal.of_spheres(sj.NYLON, RADIUS, sj.Thornton, area="hertz", yield_factor=1.6)
     yields = float(inputs.law().elastic_velocity())
     found = cal.sensitivity(inputs, [5.0, 50.0])

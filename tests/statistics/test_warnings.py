@@ -72,10 +72,7 @@ def scattered(high):
 
 
 def torn(*shares):
-    """Points that want a small χ̃ and priors for a large one, with shares of the spread of equal minima.
-
-    Far above, ε no longer falls with χ̃, so that the data's cost levels off and the prior's wins.
-    """
+    """Points that want a small χ̃ and priors for a large one, with shares of the spread of equal minima."""
     _, chi, sigma, psi, _ = TRUTH["nylon"]
     data = twin("nylon", np.linspace(5, 60, 12), uncertainty=0.25)
     far = sj.restitution(sj.Zhou(data.contact, 20.0, sigma, psi), data.velocity).coefficient

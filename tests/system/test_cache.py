@@ -34,10 +34,7 @@ def programs(folder):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the folder of Linux")
 def test_programs_are_kept_unless_not_wanted_and_written_again_where_cut_short(tmp_path):
-    """JAX notes when an entry was used where it bounds its cache, and there alone.
-
-    An entry that a kill cut short has no note of its use, without which JAX would keep nothing any more.
-    """
+    """JAX notes when an entry was used where it bounds its cache, and there alone."""
     first = command(tmp_path, *WORDS)
     kept = programs(tmp_path / "softjax")
     assert kept
