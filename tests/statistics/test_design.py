@@ -1,7 +1,6 @@
 """Designs against closed forms, brute force, and simulated calibrations."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -173,33 +172,12 @@ def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():
     assert found.before is None
 
 
-def simulated(velocity, sets=600) -> float:
-    """Standard deviation of ln χ̃ over fits of sets that follow the law, Gauss and Newton's steps in NumPy."""
-    random, z = np.random.default_rng(1), np.log(np.tile([LAW.chi, LAW.sigma], (sets, 1)))
-
-    def curve(z):
-        chi, sigma = np.exp(z).T[..., None]
-        law = replace(LAW, chi=chi, sigma=sigma)
-        return np.asarray(sj.restitution(law, velocity).coefficient)
-
-    drawn = curve(z) + NOISE * random.standard_normal((sets, len(velocity)))
-    for _ in range(6):
-        ends = [(curve(z + step) - curve(z - step)) / 2e-5 for step in 1e-5 * np.eye(2)]
-        slopes, off = np.stack(ends, -1), drawn - curve(z)
-        normal = np.einsum("snp,snq->spq", slopes, slopes)
-        right = np.einsum("snp,sn->sp", slopes, off)[..., None]
-        z = z + np.clip(np.linalg.solve(normal, right)[..., 0], -0.5, 0.5)
-    return float(np.std(z[:, 0], ddof=1))
-
-
-def test_optimal_velocities_lower_the_error_as_simulations_do():
-    """And every shift of some shots is worse."""
+def test_no_shift_of_some_shots_is_better():
     bounds = 2 * CRITICAL, 80 * CRITICAL
     found = cal.optimal_velocities(LAW, 12, bounds, uncertainty=NOISE)
     assert (found.target, sum(count for _, count in found.support)) == ("chi", 12)
     assert found.gain > 1.15
     best = found.relative_errors["chi"]
-    assert simulated(found.velocity) == pytest.approx(best, rel=0.1)
     assert found.gain == pytest.approx(found.equally_spaced["chi"] / best)
     for place, _ in found.support:
         for factor in (0.8, 0.95, 1.05, 1.2):
@@ -207,18 +185,6 @@ def test_optimal_velocities_lower_the_error_as_simulations_do():
             v = np.clip(np.where(there, factor, 1.0) * found.velocity, *bounds)
             told = cal.fisher_information(LAW, v, NOISE)
             assert told.relative_errors["chi"] > best * (1 - 1e-4)
-
-
-def test_the_losses_are_best_measured_just_below_yield():
-    """There ε is ε_up, which χ̃ does not touch; above, it and χ̃ act together."""
-    highest = 80 * CRITICAL
-    found = cal.optimal_velocities(LAW, 12, (0.1 * CRITICAL, highest), uncertainty=NOISE)
-    (first, _), (last, _) = found.support
-    assert first == pytest.approx(CRITICAL, rel=2e-3)
-    assert np.min(found.velocity) <= CRITICAL
-    assert last == highest
-    assert found.relative_errors["sigma"] is None  # only together with ψ
-    assert found.efficiency > 0.99
 
 
 @pytest.mark.parametrize("criterion", ["A", pytest.param("I", marks=pytest.mark.long)])

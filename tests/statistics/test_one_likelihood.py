@@ -1,16 +1,13 @@
 """Fit, problem and leave-one-out are one likelihood: that of dense algebra, for every sort of noise."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import optimize, stats
 
 import calibration as cal
-import softjax as sj
 from tests.decay import Decay
 from tests.decay import decay as curve
-from tests.fit_data import twin
 
 N = 20
 V = np.linspace(0.5, 8.0, N)
@@ -244,20 +241,3 @@ def test_simulated_measurements_take_the_place_of_the_measured_ones():
     expected = np.sum(stats.norm.logpdf(errors * STATED, 0, STATED))
     found = problem.log_likelihood(ABOUT, problem.simulated(ABOUT, errors))
     assert float(found) == pytest.approx(expected, rel=1e-12)
-
-
-@pytest.mark.long
-def test_several_laws_side_by_side_and_time_integration():
-    """Reverse mode through the ODE of a viscoelastic contact; two data sets that share A."""
-    sets = []
-    for name in ("nylon", "chrome steel"):
-        data = twin(name, y=[0.2, 0.5, 0.9])
-        sets.append(cal.RestitutionData(data.velocity, [0.9, 0.88, 0.87], data.contact, name=name))
-    problem = cal.problem(
-        sets, sj.ViscoelasticHertz, {"dissipation_time": cal.Parameter(shared=True)}
-    )
-    (name,) = problem.names
-    density = lambda log: problem.log_likelihood({name: jnp.exp(log)})  # noqa: E731
-    at = np.log(3e-6)
-    ends = [float(density(at + h)) for h in (-1e-4, 1e-4)]
-    assert float(jax.grad(density)(at)) == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-4)
