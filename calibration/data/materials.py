@@ -33,7 +33,7 @@ import softjax as sj
 from calibration.data.air import checked_air
 from calibration.data.columns import UNCERTAINTIES
 from calibration.data.measurements import LONGEST_NAME, RestitutionData
-from calibration.data.plausible import AS_IT_IS, RANGES, of_bodies
+from calibration.data.plausible import RANGES, of_bodies
 from calibration.data.sheet import read_csv
 from calibration.data.stated import Parameters, measure
 from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
@@ -307,26 +307,20 @@ class ProblemFile:
         return self.file.line(("fit", setting))
 
 
-def read_toml(
-    path: str | Path, *, plausibility: bool = True, air: bool | float | str | None = None
-) -> list[RestitutionData]:
+def read_toml(path: str | Path, *, air: bool | float | str | None = None) -> list[RestitutionData]:
     """The data sets of a material file, one a `[[material]]`.
 
     Args:
         path: the file; data files are searched for next to it.
-        plausibility: whether properties more than 100 times outside what is plausible are refused,
-            but of materials with `plausibility = false`.
         air: overrides the file, as `RestitutionData.from_table` takes it.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
     """
-    return read_problem(path, plausibility=plausibility, air=air).datasets
+    return read_problem(path, air=air).datasets
 
 
-def read_problem(
-    path: str | Path, needs_data: bool = True, *, plausibility: bool = True, air: Any = None
-) -> ProblemFile:
+def read_problem(path: str | Path, needs_data: bool = True, *, air: Any = None) -> ProblemFile:
     """A material file's data sets, parameters and settings; arguments and errors as of `read_toml`.
 
     Args:
@@ -338,7 +332,7 @@ def read_problem(
     faults: list[InputError] = []
     for i, name in enumerate(tables.names):
         try:
-            entries.append(_Reader(file, i, name, plausibility, air).entry(needs_data))
+            entries.append(_Reader(file, i, name, air).entry(needs_data))
         except InputError as error:
             faults.append(error)
         if len(faults) > FAULTS:
@@ -353,12 +347,11 @@ def read_problem(
 class _Reader:
     """One `[[material]]` on its way in."""
 
-    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str, plausibility: bool, air):
+    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str, air: Any):
         self.file, self.table, self.name = file, file.content.material[i], name
         stated_air = (air, self.table.air, file.content.fit.air)
         self.air = next((stated for stated in stated_air if stated is not None), None)
         self.place: Place = ("material", i)
-        self.plausibility = plausibility and self.table.plausibility
 
     def refusal(self, key: str | None, problem: str, accepted: str) -> InputError:
         place = self.place if key is None else (*self.place, *key.split("."))
@@ -366,13 +359,13 @@ class _Reader:
 
     def entry(self, needs_data: bool) -> MaterialEntry:
         table = self.table
+        self._check_far()
         if needs_data and table.data is None:
             raise self.refusal(None, "data is missing", "needed is the name of a CSV file")
         contact: sj.Contact | None = None
         bodies: tuple[Body, ...] = ()
         if table.has_bodies and not table.in_rows:
             contact, bodies = self._pair(table.radii[0])
-            self._check_far()
             limit = table.limit_velocity or float(np.asarray(contact.limit_velocity))
             contact = replace(contact, limit_velocity=limit)
         data = None if table.data is None else self._data(contact, bodies)
@@ -410,32 +403,33 @@ class _Reader:
         """Refuse what is more than 100 times outside its plausible range, at its line."""
         where = "wall" if self.table.wall is not None else "second"
         for table, prefix in ((self.table, ""), (self.table.other, f"{where}.")):
-            for name in (*PROPERTIES, *RADII, *DIAMETERS) if self.plausibility else ():
+            for name in (*PROPERTIES, *RADII, *DIAMETERS) if self.table.plausibility else ():
                 range_of = RANGES.get("radius" if name in DIAMETERS + RADII else name)
                 value = getattr(table, name, None)
                 if range_of is not None and value is not None and range_of.is_far(value):
                     problem = f"{name} is {value:.3g} {range_of.unit}, "
                     problem += f"more than 100 times outside {range_of.accepted}"
-                    raise self.refusal(prefix + name, problem, f"is its unit right? {AS_IT_IS}")
+                    raise self.refusal(
+                        prefix + name,
+                        problem,
+                        "is its unit right? plausibility = false takes it as it is",
+                    )
 
     def _data(self, contact: sj.Contact | None, bodies: tuple[Body, ...]) -> RestitutionData:
-        table = self.table
-        path, of_file, inside = self._data_file()
+        table, path = self.table, self._data_file()
         named = {body.material for body in (table, table.wall, table.second) if body is not None}
         remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
         options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
-        options |= {"air": self.air, "plausibility": self.plausibility, "dent": table.dent}
-        options |= {"name": self.name, "bodies": bodies, "remarks": (*remarks, *of_file)}
-        options |= {"quoted": inside, "one_size": contact is not None}
+        options |= {"air": self.air, "dent": table.dent}
+        options |= {"name": self.name, "bodies": bodies, "remarks": remarks}
+        options |= {"limit_velocity": table.limit_velocity, "one_size": contact is not None}
         if table.is_ball:
             ball = {"mass": table.mass, "density": table.density}
             options |= {"diameter": 2 * table.radii[0]} | ball
         if table.in_rows:
             data = self._of_sizes(path, options)
-        elif contact is None or table.limit_velocity is not None:
-            data = read_csv(path, contact, limit_velocity=table.limit_velocity, **options)
-        else:  # the limit follows from what the file says of the bodies
-            data = self._below_limit(read_csv(path, None, **options), contact)
+        else:
+            data = read_csv(path, contact, **options)
         if not table.average_repeats:
             return data
         try:
@@ -452,65 +446,19 @@ class _Reader:
             contact, bodies[:] = self._pair(radius)
             return contact
 
-        options |= {"density": self.table.solid.density}
-        try:
-            data = read_csv(path, contact_of, limit_velocity=self.table.limit_velocity, **options)
-        except InputError as error:
-            if "contact that is a function" not in error.problem:
-                raise
-            accepted = f"{NEEDED_RADII}, or a column diameter, radius or mass"
-            raise self.refusal(None, "no radius is given", accepted) from None
-        self._check_far()
+        data = read_csv(path, contact_of, **options, density=self.table.solid.density)
         return replace(data, bodies=tuple(bodies))
 
-    def _below_limit(self, data: RestitutionData, contact: sj.Contact) -> RestitutionData:
-        """The measurements of these bodies below √(3 Y/ρ); where most are not, the units are to blame."""
-        limit = float(np.asarray(contact.limit_velocity))
-        beyond = data.velocity >= limit
-        if 2 * np.sum(beyond) > len(data):
-            raise self._too_fast(data, contact, limit, int(np.argmax(beyond)))
-        try:
-            return replace(data, contact=contact, limit_velocity=limit)
-        except InputError as error:
-            accepted = f"{error.accepted}, √(3 Y/ρ) of the bodies"
-            raise InputError(error.file, error.line, error.problem, accepted) from None
-
-    def _too_fast(self, data, contact, limit: float, row: int) -> InputError:
-        place = data.refusal("", "", row)
-        fastest = f"{data.velocity[row]:.4g} m/s"
-        strength = float(np.asarray(contact.yield_strength))
-        is_assumed = any("assuming" in note and "velocity in m/s" in note for note in data.remarks)
-        if is_assumed and RANGES["yield_strength"].lowest <= strength:
-            problem = f"velocity is {fastest}, beyond the limit √(3 Y/ρ) of {limit:.4g} m/s"
-            accepted = "no unit in the header, assuming m/s: is it `velocity [mm/s]`, say?"
-            return InputError(place.file, place.line, problem, accepted)
-        at = f"{place.file}:{place.line} has {fastest}"
-        problem = f"yield_strength makes the limit velocity √(3 Y/ρ) {limit:.4g} m/s, but {at}"
-        accepted = 'is it in Pa, or text with its unit as "310 MPa"? Or give limit_velocity'
-        first, second = (float(np.asarray(body.material.yield_strength)) for body in data.bodies)
-        where = "wall." if self.table.wall is not None else "second."
-        is_other = self.table.other is not None and second < first
-        return self.refusal(f"{where * is_other}yield_strength", problem, accepted)
-
-    def _data_file(self) -> tuple[Path, tuple[str, ...], bool]:
-        """Path of the data file, a remark on it, and whether it lies below the material file's folder.
-
-        A file reached by a link means what lies next to itself; where that is missing, next to the link.
-        """
-        folder = Path(self.file.path).parent
-        homes = list(dict.fromkeys([Path(self.file.path).resolve().parent, folder.resolve()]))
+    def _data_file(self) -> Path:
+        """Path of the data file, next to the material file."""
         name = os.fsdecode((self.table.data or "").encode())  # UTF-8 also where the locale is ASCII
-        places = [folder / name] if len(homes) == 1 else [homes[0] / name, folder / name]
+        path = Path(self.file.path).parent / name
         try:
-            path = next((place for place in places if place.exists()), None)
+            is_there = path.exists()
         except (OSError, ValueError):  # a name too long, or with a NUL
-            path = None
-        if path is None:
-            tried = printable(" or ".join(repr(str(place)) for place in places))[:300]
+            is_there = False
+        if not is_there:
+            tried = printable(repr(str(path)))[:300]
             accepted = "needed is the name of a CSV file next to this one"
             raise self.refusal("data", f"data file {tried} is not there", accepted)
-        inside = any(map(path.resolve().is_relative_to, homes))
-        if len(places) == 1:
-            return path, (), inside
-        link = "the file that the link points to" if path == places[0] else "the link"
-        return path, (f"data file {str(path)!r} was found next to {link}",), inside
+        return path

@@ -21,7 +21,6 @@ from calibration.data.checks import (
     require,
 )
 from calibration.data.columns import NO_UNIT, OBSERVED, SIZES
-from calibration.data.plausible import check_far
 from calibration.data.point_errors import PointErrors
 from calibration.data.points import radius_of, read_points, rows_blamed
 from calibration.data.repeats import average
@@ -75,8 +74,6 @@ class RestitutionData:
             hardly recover in diameter; "residual": 2√(2R δ*), of the overlap that stays.
         fall: how drop heights became velocities; not compared.
         origin: file and lines the points came from, for messages.
-        plausibility: False accepts bodies with properties more than 100 times outside what is
-            plausible (`calibration.data.plausible.RANGES`), which are refused otherwise.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; an `InputError` with file
@@ -106,7 +103,6 @@ class RestitutionData:
     dent: str = field(default="largest", kw_only=True)
     fall: Fall | None = field(default=None, kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
-    plausibility: bool = field(default=True, kw_only=True)
 
     def __post_init__(self):
         try:
@@ -133,7 +129,6 @@ class RestitutionData:
         remarks: Sequence[str] = (),
         bodies: Sequence[Any] = (),
         origin: Origin | None = None,
-        plausibility: bool = True,
         **uncertainties: Any,
     ) -> "RestitutionData":
         """Data from named columns: a mapping or a frame, headers as in a file, `"velocity [cm/s]"`.
@@ -186,7 +181,6 @@ class RestitutionData:
                 bodies=tuple(bodies),
                 fall=points.fall,
                 origin=None if origin is None else origin.select(points.rows),
-                plausibility=plausibility,
             )
 
     def averaged(self) -> "RestitutionData":
@@ -286,7 +280,7 @@ class RestitutionData:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RestitutionData):
             return NotImplemented
-        not_compared = {"bodies", "fall", "origin", "plausibility", "errors", "observed"}
+        not_compared = {"bodies", "fall", "origin", "errors", "observed"}
         mine, theirs = (
             {name: value for name, value in vars(data).items() if name not in not_compared}
             | vars(data.errors)
@@ -404,16 +398,15 @@ class RestitutionData:
             else:
                 contact = replace(contact, limit_velocity=limit)
         self._set(contact=contact, limit_velocity=limit)
-        if not isinstance(self.plausibility, bool):
-            raise DataError("plausibility", self.plausibility, "True or False")
-        if self.plausibility:
-            check_far(self.bodies, contact)
 
     def _check_points(self) -> None:
         """The rules that a measured point obeys."""
         require("velocity", self.velocity, lambda v: v > 0, "a positive speed in m/s")
         if (limit := self.limit_velocity) is not None:
-            accepted = f"below the limit velocity, {np.min(limit):.6g} m/s"
+            accepted = (
+                f"below the limit velocity, {np.min(limit):.6g} m/s (√(3 Y/ρ) unless stated): "
+            )
+            accepted += "check the units of velocity and yield strength, or give limit_velocity"
             require("velocity", self.velocity, lambda v: v < limit, accepted)
         measured = np.where(np.isnan(self.restitution), 0.5, self.restitution)
         require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
@@ -471,8 +464,8 @@ def _contact_of(contact: Any, columns: Any, density: Any, one_size: bool) -> sj.
         return contact
     radius = radius_of(columns, density)
     if radius is None:
-        accepted = "a column diameter, radius or mass (with the density)"
-        raise DataError("size", "missing with a contact that is a function of it", accepted)
+        accepted = "stated with the bodies, or a column diameter, radius or mass (with the density)"
+        raise DataError("radius", "missing", accepted)
     return contact(radius)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from calibration.data.columns import OBSERVED
 from calibration.data.points import FALLEN, FALLS
-from calibration.errors import DataError
 
 FASTEST = 5000.0  # m/s
 LOWEST_RESTITUTION = 0.02  # all of them below this: a percentage taken of a fraction
@@ -20,7 +19,6 @@ SHORTEST = 3  # points of a run
 FAR_FROM_HERTZ = 30.0  # times what an elastic impact of the bodies shows
 FAR = 100.0
 CHECK = "Check the value and its unit."
-AS_IT_IS = "plausibility = false takes it as it is"
 
 
 class Implausible(NamedTuple):
@@ -73,15 +71,6 @@ def of_bodies(bodies: Iterable[Any], contact: Any) -> Iterator[Implausible]:
             cause = f"the {quantity.name} of the {name} is {value:.3g} {quantity.unit}"
             cause = f"{cause}, outside {quantity.accepted}".replace("the Young", "Young")
             yield Implausible(quantity.code, cause)
-
-
-def check_far(bodies: Iterable[Any], contact: Any) -> None:
-    """Refuse properties more than 100 times outside their plausible ranges."""
-    for name, range_of, value in _properties(bodies, contact):
-        if range_of.is_far(value):
-            quantity = f"{float(np.ravel(value)[0]):.3g} {range_of.unit}"
-            accepted = f"{range_of.accepted}, or 100 times outside at most; {AS_IT_IS}"
-            raise DataError(f"{range_of.name} of the {name}", quantity, accepted)
 
 
 def _properties(bodies: Iterable[Any], contact: Any) -> Iterator[tuple[str, Range, Any]]:

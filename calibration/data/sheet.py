@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.data.columns import ACCEPTED_SETS, LABELS, layout_of, read_header
+from calibration.data.columns import LABELS, layout_of, read_header
 from calibration.data.measurements import RestitutionData
 from calibration.data.text_file import MIB, decoded, read_bytes
 from calibration.errors import DataError, InputError, Origin
@@ -30,6 +30,10 @@ LARGEST = 64 * MIB
 SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # .xlsx and .ods, .xls
 MISSING = {"na", "n/a", "#n/a", "nan", "null", "none", "nil", "missing"}  # no units
 WINDOWS = "read as Windows-1252, as it is not UTF-8: check letters such as µ and ±"
+NUMBER = (
+    "it must be a finite number with the decimal mark {!r} (a comma only where ; or tabs separate "
+    "cells), without its unit (in the header: `restitution [%]`) and without marks of thousands"
+)
 COMMAS = "commas in numbers are read as decimal points"
 
 
@@ -40,21 +44,18 @@ class Row(NamedTuple):
     cells: list[str]
 
 
-def read_csv(
-    path: str | Path, contact=None, *, quoted: bool = True, **options: Any
-) -> RestitutionData:
+def read_csv(path: str | Path, contact=None, **options: Any) -> RestitutionData:
     """One set of data from a CSV, TSV or Excel file.
 
     Args:
         path: the file.
         contact: the two bodies, or None.
-        quoted: whether a refusal may repeat a header that is not of measurements.
         options: those of `RestitutionData.from_table`.
 
     Raises:
         InputError: with file and line, what is wrong and what is accepted.
     """
-    table, remarks, origin = Sheet(path).table(quoted)
+    table, remarks, origin = Sheet(path).table()
     options.setdefault("name", Path(path).stem or "data")
     options["remarks"] = (*options.get("remarks", ()), *remarks)
     return RestitutionData.from_table(table, contact, origin=origin, **options)
@@ -71,7 +72,7 @@ class Sheet:
         rows = self._of_excel(raw) if raw.startswith(SPREADSHEETS) else self._of_text(raw)
         self.rows = [row for row in rows if any(map(str.strip, row.cells))]
 
-    def table(self, quoted: bool) -> tuple[dict[str, Any], tuple[str, ...], Origin]:
+    def table(self) -> tuple[dict[str, Any], tuple[str, ...], Origin]:
         """The columns that are used, by their names and units; remarks on them; their lines."""
         if not self.rows:
             raise InputError(self.path, 1, "nothing in the file", "a header of columns is needed")
@@ -83,10 +84,7 @@ class Sheet:
         try:
             layout = layout_of(headers, units)
         except DataError as error:
-            if quoted:
-                raise error.at(self.path, line) from None
-            problem = "no header of measurements (it is not shown, as the file lies elsewhere)"
-            raise InputError(self.path, line, problem, f"needed is {ACCEPTED_SETS}") from None
+            raise error.at(self.path, line) from None
         rows = [self.full(row, len(headers)) for row in self.rows[1 + (units is not None) :]]
         if not rows:
             accepted = "one row a point is needed below the header"
@@ -185,8 +183,8 @@ class Sheet:
         values = np.array(list(map(self._number, cells)))
         for k in np.flatnonzero(~np.isfinite(values)):
             if cells[k]:
-                accepted = f"it must be a finite number{self._hint(cells[k])}"
-                raise InputError(self.path, rows[k].line, f"{name} is {cells[k][:80]!r}", accepted)
+                problem = f"{name} is {cells[k][:80]!r}"
+                raise InputError(self.path, rows[k].line, problem, NUMBER.format(self.mark))
         return values
 
     def _number(self, cell: str) -> float:
@@ -197,17 +195,6 @@ class Sheet:
             return float(cell) if cell and "_" not in cell else math.nan
         except ValueError:
             return math.nan
-
-    def _hint(self, cell: str) -> str:
-        if re.fullmatch(r"[+-]?\d+,\d+", cell) and self.delimiter == ",":
-            return " with a decimal point (a comma only where ; or tabs separate cells)"
-        if re.fullmatch(r"[+-]?\d+[.,]\d+", cell):
-            return ", decimals with a comma or with a point in the whole file"
-        if re.fullmatch(r"[+-]?\d{1,3}([.,' \xa0\u202f]\d{3})+([.,]\d+)?", cell):
-            return ", thousands not separated"
-        if cell.endswith("%"):
-            return " without its unit, which stands in the header: `restitution [%]`"
-        return ""
 
 
 def is_number(cell: str) -> bool:

@@ -172,7 +172,7 @@ def of_impact(material: MaterialFit, impact: int) -> MaterialFit:
         leaves = {name: float(pick(leaf)) for name, leaf in contact.leaves().items()}
         contact = sj.Contact(**leaves, area=contact.area)
     limit = None if data.limit_velocity is None else float(pick(data.limit_velocity))
-    data = replace(data, contact=contact, limit_velocity=limit, bodies=(), plausibility=False)
+    data = replace(data, contact=contact, limit_velocity=limit, bodies=())
     return replace(material, data=data, values={k: pick(v) for k, v in material.values.items()})
 
 
@@ -305,7 +305,7 @@ def like_measured(
         sizes = zip(table, errors.sizes(0.0)[errors.index[:, :2]].T, strict=True)
         stated |= {f"{name}_uncertainty": like(u, were[name], table[name]) for name, u in sizes}
     table |= stated
-    planned = RestitutionData.from_table(table, plausibility=False, name="planned", **options)
+    planned = RestitutionData.from_table(table, name="planned", **options)
     return planned.errors
 
 

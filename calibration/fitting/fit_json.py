@@ -121,7 +121,7 @@ class DataRecord(Strict):
             "bodies": tuple(_body(**_arrays(body)) for body in self.bodies),
             "group": self.group,
         }
-        return RestitutionData(**entries, name=name, plausibility=False)
+        return RestitutionData(**entries, name=name)
 
 
 class FitRecord(Strict):

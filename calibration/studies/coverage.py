@@ -64,7 +64,6 @@ class CoverageCase:
             np.asarray(self.noise) if self.stated else None,
             self.name,
             limit_velocity=getattr(self.truth, "limit_velocity", None),
-            plausibility=False,
         )
 
     def fit(self, data: RestitutionData, **options: Any) -> FitResult:

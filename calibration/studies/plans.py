@@ -213,7 +213,7 @@ def _of_law(law: Any, velocity: Column, parameters, route: Route, sensors) -> Pl
     contact, ones = getattr(law, "contact", None), np.ones(len(velocity))
     columns: dict[str, Any] = {name.replace("residual_", ""): ones for name in sensors}
     columns["limit_velocity"] = None if contact else getattr(law, "limit_velocity", None)
-    data = RestitutionData(velocity, ones / 2, contact, name="plan", plausibility=False, **columns)
+    data = RestitutionData(velocity, ones / 2, contact, name="plan", **columns)
     stated: dict[str, Any] = dict(parameters)
     for name, value in parameters.items():
         is_held = isinstance(value, Parameter) and not value.free and value.value is None
