@@ -31,9 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print, and check; 0, or 1 where a check failed."""
     if arguments.schema is not None:
-        names = write_schemas(arguments.schema)
-        if not arguments.quiet:
-            print(f"written to {arguments.schema}: {', '.join(names)}")
+        write_schemas(arguments.schema)
         return 0
     start = time.perf_counter()
     errors = self_check()
@@ -49,8 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if passed else 1
 
 
-def write_schemas(directory: Path) -> list[str]:
-    """The JSON Schemas of the files that are read and written; their names."""
+def write_schemas(directory: Path) -> None:
+    """The JSON Schemas of the files that are read and written."""
     from pydantic import BaseModel
 
     from calibration.data.materials import MaterialTables
@@ -58,12 +56,10 @@ def write_schemas(directory: Path) -> list[str]:
     from calibration.output import files_into, write_text
 
     models: dict[str, type[BaseModel]] = {"material_file": MaterialTables, "fit": ResultFile}
-    names = [f"{name}.schema.json" for name in models]
     with files_into(directory) as staged:
-        for name, model in zip(names, models.values(), strict=True):
+        for name, model in models.items():
             text = json.dumps(model.model_json_schema(), indent=1, ensure_ascii=False)
-            write_text(staged / name, text + "\n")
-    return names
+            write_text(staged / f"{name}.schema.json", text + "\n")
 
 
 def _surroundings(with_cache: bool) -> dict[str, str]:

@@ -14,7 +14,6 @@ from calibration import symbols
 from calibration.errors import DataError
 from calibration.fitting.uncertainty import quantile
 from calibration.plots import style
-from calibration.rounding import number
 
 TOP = 1.6  # of a profile's picture, in thresholds
 CELL = 0.95  # inches, of two parameters' ellipse, at most
@@ -311,7 +310,6 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         ax.errorbar(ratio, chi, error, fmt="o", color=style.BLUE, capsize=3, label=label)
         is_last = ratio > 0.7 * max(ends)
         where: Any = {"ha": "right" if is_last else "left", "va": "bottom" if is_last else "center"}
-        where["bbox"] = {"facecolor": "white", "alpha": 0.6, "linewidth": 0, "pad": 1}
         offset = (-8, 8) if is_last else (8, 0)
         text = style.plain(style.shortened(material.name))
         ax.annotate(text, (ratio, chi), offset, textcoords="offset points", zorder=3, **where)
@@ -335,9 +333,8 @@ def _plot_line(ax: Axes, line: Any, ratio: np.ndarray, ylim: tuple[float, float]
         ax.plot(ratio, np.where(shown, value, np.nan), dashes, color=style.BLACK, lw=1, label=label)
     if np.any(high > low):
         label = f"{100 * line.confidence:g} % band of a further material"
-        lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
-        if highest > ylim[1]:
-            label += f"\n(wider than the picture: {number(lowest, 3)} to {number(highest, 3)})"
+        if np.nanmax(high) > ylim[1]:
+            label += "\n(wider than the picture)"
         style.band(ax, ratio, low, high, style.GREY, label=label)
 
 

@@ -152,6 +152,7 @@ def legend_below(figure: Figure, axes: Sequence[Axes], columns: int = 2, first: 
             handles.setdefault(label, handle)
     handles = {name: handles[name] for name in first if name in handles} | handles
     place: dict[str, Any] = {"loc": "outside lower center", "frameon": False, "fontsize": "small"}
+    place["handlelength"] = 4.0  # room for dashes
     last = axes[-1].get_subplotspec()
     if last is not None and not last.is_last_col():
         above, rows = last.rowspan.start, last.get_gridspec().nrows
@@ -159,6 +160,8 @@ def legend_below(figure: Figure, axes: Sequence[Axes], columns: int = 2, first: 
         columns = 1
     for count in range(max(min(columns, len(handles)), 1), 0, -1):
         legend = figure.legend(handles.values(), handles.keys(), ncols=count, **place)
+        for line in legend.get_lines():  # dashes are as long as their line is wide
+            line.set_linewidth(min(line.get_linewidth(), 1.6))
         if count == 1 or legend.get_window_extent().width <= figure.bbox.width:
             return
         legend.remove()
