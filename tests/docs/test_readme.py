@@ -94,10 +94,6 @@ def test_a_wrong_promise_would_be_seen():
     assert printed(block, {}) == "1\n2"
 
 
-def test_every_example_of_the_readme_runs():
-    assert len(blocks(README, "python")) == 4
-
-
 @each
 def test_commands_are_accepted_as_they_stand(page):
     text = page.read_text(encoding="utf-8")
@@ -107,10 +103,6 @@ def test_commands_are_accepted_as_they_stand(page):
         words = line.partition(" #")[0].split()
         if words[:1] == ["softjax"] and "--help" not in words:
             assert accepted(words[1:]), line
-
-
-def test_the_readme_shows_every_command():
-    assert {name for name in COMMANDS if f"`softjax {name}" not in README} == set()
 
 
 def accepted(words) -> bool:
@@ -145,19 +137,14 @@ def test_material_files_are_read(tmp_path):
             assert [data.name for data in problem.datasets] == ["my alloy"]
 
 
-def test_docstring_example_is_the_readme_s():
-    shown = re.search(r"# (\[0\..*\])", README).group(1)
-    assert shown in sj.restitution.__doc__
-
-
-def test_first_lines_say_what_the_data_are():
+def test_the_readme_is_short_shows_every_command_and_says_first_what_the_data_are():
+    assert len(README.splitlines()) <= 160
+    assert len(blocks(README, "python")) == 4
+    assert {name for name in COMMANDS if f"`softjax {name}" not in README} == set()
     head = README[: README.index("```bash")]
     assert "published fit of measurements, not measurements" in " ".join(head.split())
     assert "never `pip install softjax`" in head
-
-
-def test_the_readme_is_short():
-    assert len(README.splitlines()) <= 160
+    assert re.search(r"# (\[0\..*\])", README)[1] in sj.restitution.__doc__
 
 
 @each

@@ -16,29 +16,22 @@ from tests.shown.capture import drawn
 
 LADDER = ["linear", "hertz-dashpot", "viscoelastic", "walton-braun", "exact"]
 # errors of the laws that were fitted to steel's curve by a search of another program
-MEASURED = {
-    (0.9, 1.1): {"linear": 0.0036, "viscoelastic": 0.0013},
-    (0.5, 2.0): {"linear": 0.025, "viscoelastic": 0.009},
-    RANGE: {"linear": 0.067, "viscoelastic": 0.022, "walton-braun": 0.017},
-}
+MEASURED = {"linear": 0.067, "viscoelastic": 0.022, "walton-braun": 0.017}
 
 
-@pytest.mark.parametrize(
-    "span", [RANGE, *(pytest.param(s, marks=pytest.mark.long) for s in list(MEASURED)[:2])]
-)
-def test_the_first_law_that_keeps_the_tolerance_is_taken(span, exported):
+def test_the_first_law_that_keeps_the_tolerance_is_taken(exported):
     """The ladder's errors are those that were found elsewhere; each tolerance takes its first rung."""
-    export, _ = exported(velocity_range=span, tolerance=2e-5, steps=400)
+    export, _ = exported(tolerance=2e-5, steps=400)
     errors = {one.key: one.error for one in export.tried}
     totals = {one.key: one.total for one in export.tried}
     assert list(errors) == LADDER
-    for key, error in MEASURED[span].items():
+    for key, error in MEASURED.items():
         assert errors[key] == pytest.approx(error, rel=0.06)
     assert errors["exact"] == 0
     for key in ("linear", "viscoelastic", "walton-braun"):
         tolerance = 1.1 * totals[key]
         if errors[key] == min(list(errors.values())[: LADDER.index(key) + 1]):
-            chosen, _ = exported(velocity_range=span, tolerance=tolerance, steps=400)
+            chosen, _ = exported(tolerance=tolerance, steps=400)
             assert chosen.choice.key == key
             assert chosen.choice.error + chosen.choice.steps.error == chosen.choice.total
             assert chosen.choice.total <= tolerance
@@ -173,11 +166,7 @@ REFUSED = [
     (STEEL, {"to": "liggghts", "law": "zhou"}, r"\(zhou is for c, lammps\)"),
     (STEEL, {"to": "yade", "law": "viscoelastic"}, r"\(viscoelastic is for c, lammps\)"),
     (STEEL, {"velocity_range": (1, 1e6)}, "has a turning point"),
-    (
-        INDEPENDENT["thornton"],
-        {"to": "liggghts", "law": "thornton"},
-        r"\(thornton is for c, lammps\)",
-    ),
+    (INDEPENDENT["thornton"], {"to": "liggghts", "law": "thornton"}, r"\(thornton is for c, la"),
     (INDEPENDENT["walton-braun"], {"to": "yade", "law": "walton-braun"}, "a constant k2 > k1"),
     (sj.EmpiricalRestitution(340.0, 3.0, 0.5), {}, "one with a contact"),
     (sj.ConstantRestitution(PAIR, 0.9), {"law": "exact"}, "linear"),

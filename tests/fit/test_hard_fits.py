@@ -1,7 +1,6 @@
 """Fits that are hard: impacts that stick, pairs that yield apart, a jump that moves, many minima, a network."""
 
 from dataclasses import replace
-from functools import cache
 
 import equinox as eqx
 import jax
@@ -74,10 +73,8 @@ CRITICAL = np.random.default_rng(1).permutation(np.linspace(0.9, 1.4, 36))
 def yielding_apart(seed, critical=CRITICAL):
     """Nylon whose strength differs from pair to pair, noise 0.004; and χ² of the truth."""
     strength = NYLON.yield_strength * (critical / NYLON.critical_velocity) ** 0.4
-    contact, random = (
-        replace(NYLON, yield_strength=np.asarray(strength)),
-        np.random.default_rng(seed),
-    )
+    contact = replace(NYLON, yield_strength=np.asarray(strength))
+    random = np.random.default_rng(seed)
     velocity = critical * random.uniform(1.2, 12, 36)
     noise = 0.004 * random.standard_normal(36)
     measured = curve(sj.Zhou(contact, *APART), velocity) + noise
@@ -131,7 +128,6 @@ def across_yield(seed):
     return cal.RestitutionData(velocity, measured, SOFT, uncertainty=0.004)
 
 
-@cache
 def fitted_across(seed, **options):
     """From the truth; its values as `soft_curve` takes them."""
     size = float(SOFT.yield_strength)
@@ -150,7 +146,7 @@ def chi_squared(data, values):
     return float(np.sum(off_by(data, values) ** 2))
 
 
-def by_brute_force(data, near=0.5):
+def by_brute_force(data, near=0.85):
     """The lowest χ² of all that SciPy finds between two jumps, strengths within a factor."""
     jumps = (data.velocity / float(SOFT.critical_velocity)) ** 0.4
     ends = np.log(np.array([near, *jumps[(jumps > near) & (jumps < 1 / near)], 1 / near]))
@@ -169,19 +165,7 @@ def test_no_start_is_better_than_the_fit_and_no_branch_is_better():
     own = chi_squared(data, values)
     assert result.converged
     assert own <= chi_squared(data, [*JUMPS.values()])
-    assert own == pytest.approx(by_brute_force(data, 0.85), abs=0.05)
-
-
-@pytest.mark.long
-def test_the_lowest_cost_of_all_branches_is_found_in_60_sets():
-    worse = above = 0
-    for seed in range(60):
-        data, _, values = fitted_across(seed, profiles=False)
-        own = chi_squared(data, values)
-        worse += own > by_brute_force(data) + 1.0
-        above += own > chi_squared(data, [*JUMPS.values()])
-    assert above == 0
-    assert worse <= 1
+    assert own == pytest.approx(by_brute_force(data), abs=0.05)
 
 
 def test_an_interval_of_the_strength_ends_where_the_cost_does():
@@ -198,18 +182,6 @@ def test_an_interval_of_the_strength_ends_where_the_cost_does():
         at = end / float(SOFT.yield_strength)
         assert at_strength(at * (1 - 1e-6 * outward)) - best <= threshold + 1e-3
         assert at_strength(at * (1 + 1e-6 * outward)) - best >= threshold - 1e-3
-
-
-@pytest.mark.long
-def test_intervals_of_the_strength_hold_it_in_40_sets():
-    """At least 34 of 40: fewer are the case once in 1000 where 95 % hold."""
-    size, inside, narrow = float(SOFT.yield_strength), 0, 0
-    for seed in range(40):
-        low, high = fitted_across(seed)[1].intervals[STRENGTH]
-        inside += low <= size <= high
-        narrow += high < 1.3 * low
-    assert inside >= 34
-    assert narrow >= 34
 
 
 class Wave(sj.HardSphereLaw):
@@ -244,11 +216,6 @@ def test_a_lowest_minimum_far_from_the_start_is_found_or_doubted():
     assert wave(2, starts=1)[0] > 100
     assert wave(0)[1] is False
     assert wave(0, scattered=True)[1] is True
-
-
-@pytest.mark.long
-def test_the_lowest_minimum_is_found_in_12_sets():
-    assert all(wave(seed)[0] <= 1e-6 for seed in range(12))
 
 
 class Learned(sj.HardSphereLaw):

@@ -202,37 +202,19 @@ def test_without_elastic_properties_eq_17_or_a_constant_is_fitted():
     assert constant.standard_errors["restitution"] == pytest.approx(expected, rel=1e-6)
 
 
-def zhou(contact, chi):
-    return sj.Zhou(contact, chi=chi, sigma=0.4, psi=0.5)
-
-
 def test_a_parameter_may_have_a_unit_which_tables_and_files_keep(tmp_path):
     def spring(contact, stiffness, loss):
         return sj.LinearSpringDashpot(contact, stiffness, restitution=1 / (1 + loss))
 
     contact = pair("nylon")
     data = cal.RestitutionData([0.5, 1.0, 2.0, 4.0], [0.81, 0.79, 0.80, 0.80], contact)
-    said = {
-        "stiffness": cal.Parameter(1e6, free=False, unit="N/m"),
-        "loss": cal.Parameter(unit="J"),
-    }
+    said = {"stiffness": Free(1e6, free=False, unit="N/m"), "loss": Free(unit="J")}
     result = cal.fit(data, spring, said, profiles=False)
     assert "loss [J]" in str(result)
     result.save(tmp_path / "fit.json")
     again = cal.FitResult.load(tmp_path / "fit.json", law=spring)
     assert again == result
     assert list(again.to_frame()["unit"]) == ["N/m", "J"]
-    with pytest.raises(ValueError, match="`unit of stiffness` must be N/m, as declared"):
-        cal.fit(data, "linear", {"stiffness": cal.Parameter(unit="kN/m")}, profiles=False)
-
-
-def test_a_law_of_one_s_own_is_no_built_in_one():
-    """Neither by its name, nor in the paper's procedure, which is of σ and ψ."""
-    data = cal.paper_materials(10)[2]
-    with pytest.raises(ValueError, match="`law` must be named otherwise than the built-in laws"):
-        cal.fit(data, zhou)
-    with pytest.raises(ValueError, match='`objective` must be Zhou\'s law, or "model"'):
-        cal.fit(data, lambda contact, chi: zhou(contact, chi), objective="two-step")
 
 
 @pytest.mark.parametrize("size", [0.005, 5e-5])

@@ -186,6 +186,7 @@ def test_every_observable_and_its_slope_are_in_closed_form():
     np.testing.assert_allclose(SECOND * np.array(slopes), by, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.long  # the default suite: of two losses in test_search
 def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back():
     """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors."""
     case = CASES["sensors, zhou, contact times and dents"]

@@ -29,6 +29,10 @@ class Far(Decay):
     rate: float = sj.number_field("b", "1/mile", "rate", within="(0, inf)", default=0.1)
 
 
+def zhou(contact, chi):
+    return sj.Zhou(contact, chi, 0.4, 0.5)
+
+
 def fit(data=DATA, law=None, **changed):
     return cal.fit(data, law, **changed)
 
@@ -80,7 +84,8 @@ REFUSED = [
     (lambda: fit(law="hertz-dashpots"), "did you mean 'hertz-dashpot'"),
     (lambda: fit(law=3.0), "`law` must be a name"),
     (lambda: fit(law="thornton", objective="two-step"), "two-step with thornton"),
-    (lambda: fit(law=lambda contact, chi: sj.Zhou(contact, chi, 0.4, 0.5), objective="two-step"), '`objective` must be Zhou\'s law, or "model"'),
+    (lambda: fit(law=zhou), "`law` must be named otherwise than the built-in laws"),
+    (lambda: fit(law=lambda contact, chi: zhou(contact, chi), objective="two-step"), '`objective` must be Zhou\'s law, or "model"'),
     (lambda: fit(objective="two-step", noise="student-t"), '`noise` must be "normal" with objective = "two-step"'),
     (lambda: fit(GROUPED, "constant", noise="student-t"), '`noise` must be "normal" where points share errors'),
     (lambda: fit(seed=-1), "`seed` must be a whole number of 0 or more"),

@@ -46,14 +46,3 @@ def test_a_file_of_a_library_that_is_missing_is_no_want_of_space(tmp_path, monke
     assert "/usr/share/fonts/none.ttf" in error
     assert error.endswith(INTERNAL)
     assert not (tmp_path / "results").exists()
-
-
-def test_a_law_that_cannot_be_is_refused_in_one_line(tmp_path):
-    """A loading spring stiffer than the unloading one: `softjax` says so, the command hands it on."""
-    words = ["loading_stiffness=2e6", "unloading_stiffness=1e6"]
-    sets = [word for one in words for word in ("--set", one)]
-    code, _, error = run(
-        "--no-cache", "curve", "nylon", "--law", "walton-braun", *sets, "--out", tmp_path / "out"
-    )
-    assert (code, error.count("\n")) == (2, 1)
-    assert "`unloading_stiffness` must be at least `loading_stiffness`" in error

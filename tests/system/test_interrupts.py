@@ -2,11 +2,9 @@
 
 import io
 import os
-import random
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -83,33 +81,3 @@ def test_what_is_not_in_its_place_yet_is_not_written(tmp_path, monkeypatch):
     code, _, error = run("fit", file, "--out", tmp_path / "results", "--no-cache", "--quiet")
     assert (code, error) == (130, "softjax: interrupted, nothing written\n")
     assert sorted(os.listdir(tmp_path)) == ["alloy.toml", "my_alloy.csv"]
-
-
-@pytest.mark.long
-def test_ten_moments_of_a_fit(tmp_path):
-    """While modules load, programs compile, pictures are drawn: whatever is left is whole."""
-    file = write_alloy(tmp_path, 'law = "walton-braun"')
-    out = tmp_path / "results"
-    command = [*COMMAND, "fit", str(file), "--out", str(out)]
-    begun = time.monotonic()
-    subprocess.run(command, check=True, capture_output=True)
-    whole = time.monotonic() - begun
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    draw, codes = random.Random(5), []
-    for number in [*CODES] * 3 + [signal.SIGTERM]:
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        time.sleep(draw.uniform(0.1, whole))
-        process.send_signal(number)
-        error = process.communicate(timeout=120)[1].decode()
-        codes.append(process.returncode)
-        assert sorted(os.listdir(tmp_path)) == ["alloy.toml", "my_alloy.csv", "results"]
-        after = {path.name: path.read_bytes() for path in out.iterdir()}
-        assert after.keys() == before.keys()
-        if process.returncode == CODES[number]:
-            assert len(error.splitlines()) == 1, error
-            assert ("nothing written" in error) == (after == before)
-        else:  # before Python listened, or after all was done
-            assert process.returncode in (0, -number)
-            assert error == ""
-        before = after
-    assert any(code in CODES.values() for code in codes), codes

@@ -14,12 +14,9 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 CITATION = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("package", ["softjax", "calibration"])
-def test_types_are_told(package):
-    assert resources.files(package).joinpath("py.typed").is_file()
-
-
-def test_the_stubs_name_all_that_is_public():
+def test_types_are_told_and_the_stubs_name_all_that_is_public():
+    for package in ("softjax", "calibration"):
+        assert resources.files(package).joinpath("py.typed").is_file()
     stub = resources.files("calibration").joinpath("__init__.pyi").read_text(encoding="utf-8")
     assert stub.count("\nfrom ") == len(cal.__all__) > 5
     for name in cal.__all__:
@@ -30,22 +27,13 @@ def test_the_stubs_name_all_that_is_public():
     assert {*cal.__all__, "__doc__"} <= {*dir(cal)}
 
 
-def test_the_version_is_one():
+def test_version_authors_dependencies_and_python_are_told_alike():
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(r"^## (\S+?),? ", changes, re.M)[1] == PROJECT["version"]
     assert re.search(rf"^version: {re.escape(PROJECT['version'])}$", CITATION, re.M)
-
-
-def test_the_authors_are_an_entity():
     authors = CITATION.partition("authors:\n")[2].partition("references:")[0]
     assert authors.strip() == "- name: The softjax authors"
-
-
-def test_every_dependency_has_a_lower_bound():
     for name in PROJECT["dependencies"]:
         assert re.fullmatch(r"[a-z0-9]+>=[\d.]+", name), name
-
-
-def test_the_lowest_python_is_the_one_that_the_classifiers_begin_with():
     told = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if ":: 3." in c]
     assert told[0] == PROJECT["requires-python"].removeprefix(">=")
