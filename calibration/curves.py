@@ -1,24 +1,25 @@
 """ε(v) of a law or a fit: velocities in, rows of a curve or a look-up table for particle codes out.
 
 Between two rows of a table a code interpolates linearly. So the table has two rows at first yield, where ε
-jumps, and two where ε comes to 0, and its header says how far that leaves it from the law.
+jumps, and its header says how far that leaves it from the law.
 """
 
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float, Int
 
 import softjax as sj
 from calibration.data.air import Fall
+from calibration.data.checks import require
 from calibration.data.columns import read_header
-from calibration.data.sheet import Sheet, is_number
+from calibration.data.sheet import Row, Sheet, is_number
 from calibration.data.text_file import MIB, read_bytes
 from calibration.data.units import in_si, unit_of
-from calibration.errors import DataError, InputError, Origin, printable, shown
+from calibration.errors import DataError, InputError, Origin, printable
 from calibration.fitting.curves import yield_velocity
 from calibration.fitting.warnings import is_outside
 
@@ -34,15 +35,12 @@ COLUMNS = {  # of a table, after velocity and restitution
     "peak_overlap": "largest_overlap[m]",
     "peak_force": "peak_force[N]",
 }
-ASIDE = 1e-12  # of the velocity of a jump or of the end of ε, from there to the rows next to it
-# where between two rows the law is compared; then about the largest difference, ever closer
-INSIDE = np.linspace(0, 1, 9)[1:-1, None]
-CLOSER = np.linspace(-1, 1, 9)[:, None]
-INTERVALS, TIMES = 64, 10  # that are compared more closely, and how often by a quarter
+ASIDE = 1e-12  # of the velocity of a jump, from there to the rows next to it
+FEWEST, PLACES = 7, 63  # between two rows, where the law is compared
+COMPARED = 10**6  # of these in all
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
 Velocities = Float[np.ndarray, " n"]
-Exact = Callable[[Velocities], Velocities]
 
 
 @dataclass(frozen=True)
@@ -102,23 +100,8 @@ class Rows(NamedTuple):
         known = np.isfinite(self.coefficient)
         codes, index = np.unique(np.where(known, self.status, -1), return_inverse=True)
         words = ["NOT_DETERMINED" if code < 0 else status_names(int(code)) for code in codes]
-        lines = text_rows([*columns.values()], ",", [words[k] for k in index])
-        return f"{','.join([*columns, 'status'])}\n{lines}"
-
-    def as_array(self) -> np.ndarray:
-        """A structured array with fields velocity, restitution, status (and low, high)."""
-        names = ("velocity", "restitution", "status", "low", "high")
-        columns = [column for column in self if column is not None]
-        columns[2] = self.status.astype("<i4")
-        kinds = [(name, column.dtype) for name, column in zip(names, columns, strict=False)]
-        return np.rec.fromarrays(columns, dtype=kinds)
-
-
-def text_rows(columns: list[np.ndarray], mark: str, last: list[str] | None = None) -> str:
-    """Columns of numbers as text, and one of words after them; NaN is left empty."""
-    cells = [["" if x != x else repr(x) for x in column.tolist()] for column in columns]
-    cells += [] if last is None else [last]
-    return "".join(f"{mark.join(row)}\n" for row in zip(*cells, strict=True))
+        table = pd.DataFrame(columns | {"status": [words[k] for k in index]})
+        return table.to_csv(index=False, lineterminator="\n")
 
 
 def status_names(status: int) -> str:
@@ -164,50 +147,33 @@ def read_velocities(path: str) -> Velocities:
     """
     name = "standard input" if path == "-" else path
     sheet = Sheet(name, read_bytes(path, LARGEST, or_pipe=True))
-    if not sheet.rows:
-        raise InputError(name, None, "no velocities", "one number a line is needed")
-    first = sheet.rows[0]
-    head = [cell.strip() for cell in first.cells]
-    while not head[-1]:
-        head.pop()
-    place, unit, rows = 0, unit_of("m/s", "m/s"), sheet.rows
-    if len(head) > 1 or not is_number(head[0]):
-        place, unit = _velocity_column(head, Origin(name, first.line))
-        rows = rows[1:]
-    if not rows:
-        accepted = "one number a line is needed below the header"
-        raise InputError(name, first.line, "no velocities", accepted)
-    if len(rows) > MOST:
-        raise InputError(name, None, f"{len(rows)} velocities", FROM_PYTHON)
-    rows = [sheet.full(row, len(head)) for row in rows]
-    sheet.find_mark(rows, [place])
-    velocity = sheet.numbers("velocity", [row.cells[place].strip() for row in rows], rows)
-    for k in np.flatnonzero(~(velocity >= 0))[:1]:
-        problem = f"{shown(sheet.delimiter.join(rows[k].cells))!r} holds no velocity"
-        raise InputError(name, rows[k].line, problem, "a finite number of 0 m/s or more")
-    return in_si(velocity, unit)
+    if sheet.rows and len(sheet.headers) == 1 and is_number(sheet.headers[0]):
+        sheet.rows.insert(0, Row(1, ["velocity"]))
+    if not 2 <= len(sheet.rows) <= MOST + 1:
+        problem = f"{max(len(sheet.rows) - 1, 0)} velocities"
+        raise InputError(name, None, problem, f"one number a line is needed, {FROM_PYTHON}")
+    (line, _), *rows = sheet.rows
+    rows = [sheet.full(row, len(sheet.headers)) for row in rows]
+    try:
+        places = {h.name: (k, h.unit) for k, h in enumerate(map(read_header, sheet.headers))}
+        if "velocity" not in places:
+            accepted = "one with velocity, or left out above one number a line"
+            raise DataError("header", ", ".join(sheet.headers), accepted)
+        place, unit = places["velocity"]
+        sheet.find_mark(rows, [place])
+        velocity = sheet.numbers("velocity", [row.cells[place].strip() for row in rows], rows)
+        require("velocity", velocity, lambda v: v >= 0, "a finite speed of 0 m/s or more")
+        return in_si(velocity, unit_of(unit or "m/s", "m/s"))
+    except DataError as error:
+        raise Origin(name, line, tuple(row.line for row in rows)).error(error) from None
 
 
-def _velocity_column(head: list[str], origin: Origin) -> tuple[int, Any]:
-    """Position of the velocity and its unit."""
-    for position, cell in enumerate(head):
-        try:
-            header = read_header(cell)
-            if header.name == "velocity":
-                return position, unit_of(header.unit or "m/s", "m/s")
-        except DataError as error:
-            raise origin.error(error) from None
-    problem = f"no column named velocity in {shown(', '.join(head))!r}"
-    accepted = "one number a line, or a header with velocity"
-    raise InputError(origin.file, origin.line, problem, accepted)
-
-
-def with_knots(source: Source, velocity: Velocities, route: Route = None) -> Velocities:
-    """Ascending velocities with two more at first yield, and two at each end of ε."""
+def with_knots(source: Source, velocity: Velocities) -> Velocities:
+    """Ascending velocities with two more at first yield."""
     at = yield_velocity(source.law)
     if at is not None and velocity[0] < at < velocity[-1]:
         velocity = np.union1d(velocity, [at * (1 - ASIDE), at * (1 + ASIDE)])
-    return np.union1d(velocity, _ends(_restitution(source, route), velocity))
+    return velocity
 
 
 def table_text(source: Source, rows: Rows, route: Route = None) -> str:
@@ -224,63 +190,23 @@ def table_text(source: Source, rows: Rows, route: Route = None) -> str:
         hit = sj.restitution(source.law, rows.velocity, route)
         columns += [np.asarray(getattr(hit, name)) for name in COLUMNS]
         names += COLUMNS.values()
-    error = _error(_restitution(source, route), rows.velocity, rows.coefficient)
-    head = [*_head(source, rows.velocity), _promise(error), " ".join(names)]
-    return "".join(f"# {line}\n" for line in head) + text_rows(columns, " ")
+    head = [*_head(source, rows.velocity), _error(source, rows, route), " ".join(names)]
+    table = pd.DataFrame(np.stack(columns, axis=1)).to_csv(None, sep=" ", header=False, index=False)
+    return "".join(f"# {line}\n" for line in head) + table
 
 
-def _restitution(source: Source, route: Route) -> Exact:
-    return lambda velocity: curve_of(source, velocity, route).coefficient
-
-
-def _ends(exact: Exact, velocity: Velocities) -> Velocities:
-    """Two velocities about each place between neighbours where ε comes to 0, or leaves it."""
-    rebounds = np.nan_to_num(exact(velocity), nan=-1.0)
-    changes = np.diff(np.sign(rebounds)) != 0
-    jumps = np.flatnonzero(changes & (np.minimum(rebounds[:-1], rebounds[1:]) == 0))
-    low, high = velocity[jumps], velocity[jumps + 1]
-    sides = rebounds[jumps] > 0
-    while np.any(high - low > ASIDE * high):
-        middle = 0.5 * (low + high)
-        same = (exact(middle) > 0) == sides
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return np.concatenate([low, high])
-
-
-def _error(exact: Exact, velocity: Velocities, coefficient: Velocities) -> float:
-    """Largest difference between the curve and the interpolation of neighbouring rows, except at a jump.
-
-    It is enclosed where the comparison finds the largest ones: a law may bend anywhere between two rows.
-    """
-    wide = np.flatnonzero(np.diff(velocity) > 1e3 * ASIDE * velocity[1:])
-    if not len(wide):
-        return 0.0
-
-    def apart(share, rows):
-        inner, linear = (
-            (1 - share) * ends[rows] + share * ends[rows + 1] for ends in (velocity, coefficient)
-        )
-        return np.nan_to_num(np.abs(exact(np.ravel(inner)).reshape(inner.shape) - linear))
-
-    differences = apart(INSIDE, wide)
-    rows = np.argsort(np.max(differences, axis=0))[-INTERVALS:]
-    centre, reach = INSIDE[np.argmax(differences[:, rows], axis=0), 0], 1 / 8
-    largest = float(np.max(differences))
-    for _ in range(TIMES):
-        share = np.clip(centre + reach * CLOSER, 0, 1)
-        differences = apart(share, wide[rows])
-        centre = np.take_along_axis(share, np.argmax(differences, axis=0)[None], axis=0)[0]
-        largest, reach = max(largest, float(np.max(differences))), reach / 4
-    return largest
-
-
-def _promise(error: float) -> str:
-    """A bound of the error in words: 1.01 times it, rounded up to two digits."""
-    spared = 1.01 * error
-    unit = 10.0 ** (math.floor(math.log10(spared)) - 1) if spared > 0 else 1.0
-    return (
-        f"interpolated linearly, restitution errs by {math.ceil(spared / unit) * unit:.1e} at most"
+def _error(source: Source, rows: Rows, route: Route) -> str:
+    """State the largest difference between the curve and the interpolation of neighbouring rows, except at a jump."""
+    wide = np.flatnonzero(np.diff(rows.velocity) > 1e3 * ASIDE * rows.velocity[1:])
+    places = min(max(FEWEST, COMPARED // max(len(wide), 1)), PLACES)
+    share = np.linspace(0, 1, places + 2)[1:-1, None]
+    inner, linear = (
+        (1 - share) * ends[wide] + share * ends[wide + 1]
+        for ends in (rows.velocity, rows.coefficient)
     )
+    exact = curve_of(source, np.ravel(inner), route).coefficient.reshape(inner.shape)
+    error = np.nanmax(np.abs(exact - linear), initial=0.0)
+    return f"interpolated linearly, restitution errs by about {error:.1e} at most"
 
 
 def _head(source: Source, velocity: Velocities) -> Iterator[str]:

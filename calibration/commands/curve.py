@@ -11,10 +11,10 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
 
-At most a million rows; of more, from Python: np.save("curve.npy", softjax.restitution(law, velocity).coefficient)
+At most a million rows; of more, from Python: softjax.restitution(law, velocity).coefficient
 
 A table (--table) has more columns: ε_p, duration, largest overlap and peak force; two rows at first
-yield, where ε may jump, and where ε ends; and in its header the largest error of linear interpolation. Where the data of a
+yield, where ε may jump; and in its header the largest error of linear interpolation. Where the data of a
 fit do not determine the curve, cells are empty and rows of a table are left out.
 """
 
@@ -28,7 +28,7 @@ from calibration.commands.source_options import add_route_arguments, add_source_
 from calibration.errors import DataError, InputError
 from calibration.output import files_into, write_text
 
-FILES = {"csv": "curve.csv", "npy": "curve.npy", "png": "curve.png", "table": "curve.txt"}
+FILES = {"csv": "curve.csv", "png": "curve.png", "table": "curve.txt"}
 OF_LINE = "line.png"
 POINTS = 400
 DRAWN = 4096  # rows of a picture
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise DataError("--route", arguments.route, "left out with --fit and --line")
     formats = {*arguments.format, *["table"] * arguments.table} or {"csv", "png"}
     if "table" in formats and arguments.velocities is None:
-        velocity = with_knots(source, velocity, route)
+        velocity = with_knots(source, velocity)
     rows = curve_of(source, velocity, route)
     missing = int(sum(rows.coefficient != rows.coefficient))
     if missing == len(velocity):
@@ -106,8 +106,6 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
 
     if "csv" in formats:
         write_text(folder / FILES["csv"], rows.as_csv())
-    if "npy" in formats:
-        np.save(folder / FILES["npy"], rows.as_array())
     if "table" in formats:
         write_text(folder / FILES["table"], table_text(source, rows, route))
     if "png" in formats:

@@ -9,7 +9,7 @@ from tests.shown.capture import drawn
 RESULTS = (
     *("fit.json", "report.md", "report.html", "curves.png", "profiles.png", "correlation.png"),
     *("posterior.png", "posterior.nc", "compare.json", "compare.png"),
-    *("curve.csv", "curve.npy", "curve.png", "curve.txt"),
+    *("curve.csv", "curve.png", "curve.txt"),
     *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png", "design.png"),
     *("design.csv", "sobol.png", "export.json", "export.png", "in.softjax", "softjax_law.h"),
     *("softjax_lammps.cpp", "build.sh", "softjax_yade.py"),

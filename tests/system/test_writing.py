@@ -95,7 +95,7 @@ def test_an_impossible_place(place, tmp_path, monkeypatch):
     (tmp_path / "folder" / "curve.csv").mkdir(parents=True)
     before = sorted(tmp_path.rglob("*"))
     out = place if place.startswith("/") else tmp_path / place
-    code, told, error = run("--no-cache", *CURVE, "--format", "npy", "csv", "--out", out)
+    code, told, error = run("--no-cache", *CURVE, "--format", "csv", "--out", out)
     assert (code, told, error.count("\n")) == (PLACES[place][0], "", 1)
     assert PLACES[place][1].format(tmp_path) in error
     assert sorted(tmp_path.rglob("*")) == before
