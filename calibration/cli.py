@@ -83,15 +83,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return DONE
     except Exception as error:
         return _failed(error)
-    finally:
-        console.show_sign()
 
 
 def _run(argv: Sequence[str]) -> int:
     try:
         name, command, arguments = _parsed(argv)
-        if not arguments.quiet:
-            console.show_sign(f"softjax {name}: loading")
+        if not arguments.quiet and console.is_terminal():  # what follows may take seconds
+            print(f"softjax {name}: loading ...", file=sys.stderr, flush=True)
         gc.set_threshold(
             100_000, 20, 20
         )  # modules and programs stay: looking through them takes a tenth
@@ -125,7 +123,6 @@ def _failed(error: Exception) -> int:
     if of_stream and not isinstance(error, NotWritten):
         line = f"softjax: standard output could not be written to ({error.strerror})"  # type: ignore[attr-defined]
     elif not isinstance(error, NotWritten):
-        console.show_sign()
         with suppress(OSError):
             traceback.print_exception(error)
         line = "softjax: an error of softjax itself, please report it with the lines above"
@@ -136,7 +133,6 @@ def _failed(error: Exception) -> int:
 
 def _ended(line: str, code: int) -> int:
     """The exit code, after one line on standard error, where there is one."""
-    console.show_sign()
     with suppress(OSError):
         for fault in line.splitlines():  # each fault of a file
             print(printable(" ".join(fault.split())), file=sys.stderr, flush=True)
@@ -187,23 +183,18 @@ def _add_common_options(parser: argparse.ArgumentParser) -> None:
 def keep_compilations() -> None:
     """Let JAX keep what it compiles, in its own bounded cache in the user's folder.
 
-    A folder for each kind of processor: a home that the machines of a cluster share must never hand
-    one of them another's code. Where the user has set a place, or no folder can be made, nothing
-    changes.
+    A folder for each kind of processor, as machines of a cluster share a home. Where the user has set a
+    place, or no folder can be made, nothing changes.
     """
     if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
+    kind = platform.processor()
+    with suppress(OSError):
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+        kind = str(sorted(set(re.findall(r"^(?:model name|flags|Features|CPU \w+).*", text, re.M))))
     try:
-        processor = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-        kinds = ("model name", "flags", "Features", "CPU part", "CPU implementer")
-        lines = [
-            line for line in processor.partition("\n\n")[0].splitlines() if line.startswith(kinds)
-        ]
-    except OSError:
-        lines = [platform.processor()]
-    kind = hashlib.sha256("\n".join([platform.machine(), *lines]).encode()).hexdigest()
-    try:
-        folder = _cache_home() / "softjax" / kind[:16]
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = home / "softjax" / hashlib.sha256(kind.encode()).hexdigest()[:16]
         folder.mkdir(parents=True, exist_ok=True)
         for entry in folder.glob("*-cache"):  # JAX stops at one that a kill cut short
             if not entry.with_name(entry.name.removesuffix("cache") + "atime").exists():
@@ -220,12 +211,3 @@ def keep_compilations() -> None:
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     # entries that cannot be read are compiled again, which is no matter of the user's
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
-
-
-def _cache_home() -> Path:
-    """Folder of the system for files that can be made again."""
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

@@ -6,14 +6,12 @@ import shutil
 import signal
 import sys
 import textwrap
-import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 WIDTH = 100  # of running text, on wider terminals too
 SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
-_sign = ""  # of life, while it is shown
 
 
 def open_streams() -> None:
@@ -63,13 +61,9 @@ def wrapped(paragraphs: Iterable[str], first: str = "", rest: str = "") -> list[
     return [line for text in paragraphs for line in wrapper.wrap(text)]
 
 
-def show_sign(text: str = "") -> None:
-    """Show a sign of life before anything is loaded, on a terminal; without a text clear it."""
-    global _sign
-    text, _sign = f"{text:<{len(_sign)}}", "" if _is_dumb() else text
-    with suppress(OSError):
-        if text and _is_terminal():
-            print(text, end="\n" if _is_dumb() else "\r", file=sys.stderr, flush=True)
+def is_terminal() -> bool:
+    """Whether standard error is one."""
+    return sys.stderr is not None and not sys.stderr.closed and sys.stderr.isatty()
 
 
 class Progress:
@@ -84,7 +78,8 @@ class Progress:
     """
 
     def __init__(self, quiet: bool = False, lines: bool = False):
-        self._shown = not quiet and (lines or _is_terminal())
+        self._has_bar = is_terminal() and os.environ.get("TERM") != "dumb"  # lines stay there
+        self._shown = not quiet and (lines or is_terminal())
         self._stage: str | None = None
         self._bar: Any = None
 
@@ -115,14 +110,13 @@ class Progress:
         self._stage = self._bar = None
 
     def _begin(self, stage: str) -> None:
-        if not _is_terminal() or _is_dumb():
+        if not self._has_bar:
             print(f"{stage} ...", file=sys.stderr, flush=True)
             return
         from rich.console import Console
         from rich.progress import Progress as Bars
         from rich.progress import TimeElapsedColumn
 
-        show_sign()
         keywords: dict[str, Any] = {"transient": True, "console": Console(file=sys.stderr)}
         keywords |= {"redirect_stdout": False, "redirect_stderr": False}
         self._bar = Bars(*Bars.get_default_columns(), TimeElapsedColumn(), **keywords)
@@ -134,7 +128,6 @@ class Progress:
 
     def __exit__(self, *_) -> None:
         self.close()
-        show_sign()
 
 
 @contextmanager
@@ -150,21 +143,12 @@ def progress_of(progress: Any) -> Iterator[Any]:
         yield None if progress is False else progress
 
 
-def _is_terminal() -> bool:
-    return sys.stderr is not None and not sys.stderr.closed and sys.stderr.isatty()
-
-
-def _is_dumb() -> bool:
-    """Whether what was shown on a line of the terminal stays there."""
-    return os.environ.get("TERM") == "dumb"
-
-
 class Stopped(KeyboardInterrupt):
     """A signal ended the command; `code` is the exit code that a shell expects then."""
 
     def __init__(self, number: int):
         super().__init__(number)
-        self.number, self.code = number, 128 + number
+        self.code = 128 + number
 
 
 @contextmanager
@@ -174,21 +158,8 @@ def signals_handled() -> Iterator[None]:
     def stop(number: int, frame: object) -> None:
         raise Stopped(number)
 
-    def lost(unraisable: Any) -> None:
-        """Raise once more, soon, what a callback of the garbage collector swallowed."""
-        if isinstance(unraisable.exc_value, Stopped):
-            again = threading.Timer(0.01, signal.raise_signal, (unraisable.exc_value.number,))
-            again.daemon = True
-            again.start()
-        else:
-            hook(unraisable)
-
-    hook, sys.unraisablehook = sys.unraisablehook, lost
-    try:
-        with _handlers(stop):
-            yield
-    finally:
-        sys.unraisablehook = hook
+    with _handlers(stop):
+        yield
 
 
 @contextmanager

@@ -43,20 +43,17 @@ def files_into(directory: str | Path, names: Iterable[str] = ()) -> Iterator[Pat
     directory = Path(directory)
     check_writable(directory)
     target = Path(os.path.realpath(directory))
-    existing = _nearest_existing(target)
-    missing = target.relative_to(existing)
     try:
         # on the same file system as the target, or renaming would be copying
+        existing = _nearest_existing(target)
         with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=existing) as folder:
-            staged = Path(folder) / missing
-            staged.mkdir(parents=True, exist_ok=True)
+            staged = Path(folder) / target.relative_to(existing)
+            staged.mkdir(parents=True, exist_ok=True)  # fails before anything is computed
             yield staged
             new = sorted(path.name for path in staged.iterdir())
             with signals_deferred():  # old files or new ones, not some of both
-                if target.exists():
-                    _replace(staged, target, new)
-                else:
-                    os.rename(Path(folder, missing.parts[0]), existing / missing.parts[0])
+                target.mkdir(parents=True, exist_ok=True)
+                _replace(staged, target, new)
             if not any(part.startswith(UNFINISHED) for part in target.parts):
                 older = [name for name in names if (target / name).exists() and name not in new]
                 written[directory] = new, older
@@ -82,14 +79,9 @@ def check_writable(directory: str | Path) -> None:
     directory = Path(directory)
     try:
         existing = _nearest_existing(directory)
-        accepted = "results need a directory to go to"
-        if existing.is_symlink() and not existing.exists():
-            problem = (
-                f"{str(existing)!r} is a link to {str(existing.readlink())!r}, which is not there"
-            )
-            raise InputError(None, None, problem, accepted)
         if not existing.is_dir():
-            raise InputError(None, None, f"{str(existing)!r} is a file", accepted)
+            problem = f"{str(existing)!r} is a file, or a link to nothing"
+            raise InputError(None, None, problem, "results need a directory to go to")
     except OSError as error:  # a name that is too long
         raise NotWritten(directory, error) from None
     if not os.access(existing, os.W_OK | os.X_OK):

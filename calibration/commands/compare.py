@@ -12,7 +12,7 @@ import argparse
 import sys
 from typing import Any
 
-from calibration.commands.source_options import add_air_argument, read_material_file
+from calibration.commands.source_options import read_material_file
 from calibration.console import Progress, print_first
 from calibration.errors import DataError, did_you_mean, listed
 from calibration.options import (
@@ -38,7 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "one of them; may be repeated"
     parser.add_argument("--law", action="append", default=[], metavar="A", help=text)
     add_options(parser, OPTIONS)
-    add_air_argument(parser)
     text = "print compare.json to standard output instead of the tables"
     parser.add_argument("--json", action="store_true", help=text)
 
@@ -102,7 +101,7 @@ def _problem(arguments: argparse.Namespace) -> tuple[list[Any], dict[str, Any], 
         from calibration.paper import paper_materials
 
         return paper_materials(), options, []
-    problem = read_material_file(arguments.file, air=arguments.air)
+    problem = read_material_file(arguments.file)
     print_first(problem.implausible, arguments.quiet or arguments.json)
     stated = {name: value for name, value in problem.settings.items() if name in OPTIONS}
     unused = [name for name in problem.settings if name not in (*OPTIONS, "area")]

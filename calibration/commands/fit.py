@@ -13,7 +13,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from calibration.commands.source_options import add_air_argument, read_material_file
+from calibration.commands.source_options import read_material_file
 from calibration.console import Progress, print_first
 from calibration.errors import DataError, InputError, printable
 from calibration.options import add_options, flag, given_options, merged
@@ -32,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of `softjax fit`; those given win over the file's `[fit]` table."""
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
     add_options(parser)
-    add_air_argument(parser)
     text = "sample the posterior: 4 chains of 1000 draws, or of as many as given (extra bayes)"
     parser.add_argument(
         "--posterior", nargs="?", type=_draws, const=1000, metavar="DRAWS", help=text
@@ -82,7 +81,7 @@ def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress:
         problem, data, parameters = None, paper_materials(), None
         stated = {"objective": "two-step"} if options.get("law", "zhou") == "zhou" else {}
     else:
-        problem = read_material_file(arguments.file, air=arguments.air)
+        problem = read_material_file(arguments.file)
         print_first(problem.implausible, arguments.quiet or arguments.json)
         data, parameters, stated = problem.datasets, problem.parameters, dict(problem.settings)
         stated.pop("area", None)  # the contacts have it
@@ -105,8 +104,6 @@ def _command(arguments: argparse.Namespace, options: Mapping[str, Any]) -> str:
     parts = ["softjax", "fit", *([arguments.file] if arguments.file else [])]
     for name, value in options.items():
         parts += [flag(name), *([] if isinstance(value, bool) else [str(value).replace(" ", "-")])]
-    if arguments.air is not None:
-        parts += ["--air", str(arguments.air).lower()]
     if arguments.posterior is not None:
         parts += ["--posterior", str(arguments.posterior)]
     return printable(shlex.join([*parts, "--out", str(arguments.out)]))

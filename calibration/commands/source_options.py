@@ -1,11 +1,10 @@
 """Options that say which collision, and by which route. Nothing heavy is imported for `--help`."""
 
 import argparse
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import DataError, InputError
+from calibration.errors import InputError
 from calibration.options import LAW_OPTIONS, LAWS, ROUTES, add_options
 
 COEFFICIENTS = ("chi", "sigma", "psi")
@@ -43,26 +42,7 @@ def add_route_arguments(parser: argparse.ArgumentParser) -> None:
     add("--rtol", type=float, metavar="X", help="tolerance of the ode (1e-8)")
 
 
-def add_air_argument(parser: argparse.ArgumentParser) -> None:
-    """Add `--air`: the air of drops and bounces; overrides the file."""
-    text = 'of drops and bounces: "false", or its density ("1.2 kg/m³", the default)'
-    parser.add_argument("--air", metavar="DENSITY", type=_air, help=text)
-
-
-def _air(text: str) -> bool | float | str:
-    from calibration.data.air import checked_air
-
-    value: bool | float | str = {"false": False, "true": True}.get(text.lower(), text)
-    with suppress(ValueError):
-        value = float(text)
-    try:
-        checked_air(value)
-    except DataError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {error.accepted}") from None
-    return value
-
-
-def read_material_file(path: str, needs_data: bool = True, air: Any = None) -> Any:
+def read_material_file(path: str, needs_data: bool = True) -> Any:
     """A material file; a table of measurements in its place is named as such."""
     from calibration.data.materials import read_problem
 
@@ -70,4 +50,4 @@ def read_material_file(path: str, needs_data: bool = True, air: Any = None) -> A
         problem = "is a table of measurements, no material file"
         accepted = f"give the TOML file that names it, with data = {Path(path).name!r}"
         raise InputError(path, None, problem, accepted)
-    return read_problem(path, needs_data, air=air)
+    return read_problem(path, needs_data)

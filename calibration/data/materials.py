@@ -307,20 +307,19 @@ class ProblemFile:
         return self.file.line(("fit", setting))
 
 
-def read_toml(path: str | Path, *, air: bool | float | str | None = None) -> list[RestitutionData]:
+def read_toml(path: str | Path) -> list[RestitutionData]:
     """The data sets of a material file, one a `[[material]]`.
 
     Args:
         path: the file; data files are searched for next to it.
-        air: overrides the file, as `RestitutionData.from_table` takes it.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
     """
-    return read_problem(path, air=air).datasets
+    return read_problem(path).datasets
 
 
-def read_problem(path: str | Path, needs_data: bool = True, *, air: Any = None) -> ProblemFile:
+def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:
     """A material file's data sets, parameters and settings; arguments and errors as of `read_toml`.
 
     Args:
@@ -332,7 +331,7 @@ def read_problem(path: str | Path, needs_data: bool = True, *, air: Any = None) 
     faults: list[InputError] = []
     for i, name in enumerate(tables.names):
         try:
-            entries.append(_Reader(file, i, name, air).entry(needs_data))
+            entries.append(_Reader(file, i, name).entry(needs_data))
         except InputError as error:
             faults.append(error)
         if len(faults) > FAULTS:
@@ -347,10 +346,8 @@ def read_problem(path: str | Path, needs_data: bool = True, *, air: Any = None) 
 class _Reader:
     """One `[[material]]` on its way in."""
 
-    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str, air: Any):
+    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str):
         self.file, self.table, self.name = file, file.content.material[i], name
-        stated_air = (air, self.table.air, file.content.fit.air)
-        self.air = next((stated for stated in stated_air if stated is not None), None)
         self.place: Place = ("material", i)
 
     def refusal(self, key: str | None, problem: str, accepted: str) -> InputError:
@@ -420,7 +417,8 @@ class _Reader:
         named = {body.material for body in (table, table.wall, table.second) if body is not None}
         remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
         options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
-        options |= {"air": self.air, "dent": table.dent}
+        air = self.file.content.fit.air if table.air is None else table.air
+        options |= {"air": air, "dent": table.dent}
         options |= {"name": self.name, "bodies": bodies, "remarks": remarks}
         options |= {"limit_velocity": table.limit_velocity, "one_size": contact is not None}
         if table.is_ball:
