@@ -93,8 +93,6 @@ def _run(argv: Sequence[str]) -> int:
         gc.set_threshold(
             100_000, 20, 20
         )  # modules and programs stay: looking through them takes a tenth
-        # a fit's matrices are small: threads of the linear algebra would wait for each other
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
         if arguments.cache:
             keep_compilations()

@@ -42,6 +42,7 @@ from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
 from calibration.parameters import FROM_ABOVE, LOG, LOGIT, NONE, Transform
 from calibration.rounding import number
+from softjax.batching import QUICK, accepted
 
 FACTOR = 2.0  # of a weak prior of what is positive, in its logarithm
 # of Zhou's law and Eq. (17): centre, None for the start, and spread
@@ -65,6 +66,7 @@ STRIDE = 0.5  # in u, between two of them
 ALIKE = 0.7  # of the largest bend, from which on two unknowns lie along one ridge
 PROBE = 1.5  # errors at which it is looked whether ln p is nearly normal
 NEARLY_NORMAL = 0.35  # how far it may be off there, in parts
+FEW = 1000  # points, up to which it takes longer to compile a program in full than to run it
 
 Vector = Float[np.ndarray, "p"]
 Places = Int[np.ndarray, "k"]
@@ -181,6 +183,11 @@ class Density:
         theta, log_prior, log_jacobian = self.at(u)
         return self.problem.log_likelihood(theta) + log_prior + log_jacobian
 
+    def jitted(self, function: Callable) -> Any:
+        """`jax.jit` of a function of the density; of few points a program that is compiled sooner."""
+        few = sum(len(block.errors) for block in self.problem.sets) <= FEW
+        return jax.jit(function, compiler_options=accepted(QUICK) if few else None)
+
     def spread_in_z(self, z: Vector) -> Vector:
         """Standard deviations of the priors in z, about, where z is."""
         in_z, _, spread = self._columns
@@ -194,7 +201,7 @@ class Density:
             values: θ where a fit ended, of some of the unknowns.
         """
         q = self._start(values)
-        scale, gradient = self.spread_in_z(q), jax.jit(jax.value_and_grad(self.log_density))
+        scale, gradient = self.spread_in_z(q), self.jitted(jax.value_and_grad(self.log_density))
 
         def slope(q: Vector) -> tuple[float, Vector]:
             value, slopes = gradient(q)

@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 import softjax as sj
 from calibration.data.checks import check_whole
@@ -88,7 +88,7 @@ def sampled(
             raise DataError("parameters", "none free", accepted)
         density = density_of(problem).straightened(_found(result, problem))
         starts = np.random.default_rng(seed).standard_normal((chains, len(density.labels)))
-        position, statistics = _chains(density.log_density, starts, draws, warmup, seed, progress)
+        position, statistics = _chains(density, starts, draws, warmup, seed, progress)
         return _as_data(density, position, statistics, seed, _about(density, seed, warmup))
 
 
@@ -105,7 +105,7 @@ def _found(result: Any, problem: Traceable) -> dict[str, float]:
 
 
 def _chains(
-    log_density: Callable[[Array], Array],
+    density: Density,
     starts: Float[np.ndarray, "chains p"],
     draws: int,
     warmup: int,
@@ -116,7 +116,7 @@ def _chains(
 
     Equal for equal seeds, however many chains run at once.
     """
-    blackjax = needed("blackjax")
+    blackjax, log_density = needed("blackjax"), density.log_density
     adaptation = blackjax.window_adaptation(
         blackjax.nuts,
         log_density,
@@ -145,7 +145,7 @@ def _chains(
         return jax.lax.scan(one, state, jax.random.split(keys[1], draws))[1]
 
     keys = jax.random.split(jax.random.key(seed), (len(starts), 2))
-    compiled = jax.jit(chain).lower(keys[0], starts[0]).compile()  # before the threads begin
+    compiled = density.jitted(chain).lower(keys[0], starts[0]).compile()  # before the threads begin
 
     def run(k: int) -> Any:
         with jax.enable_x64(True):  # each thread has its own settings
@@ -213,7 +213,8 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
     flat, shape = position.reshape(-1, position.shape[-1]), position.shape[:2]
     keys = jax.random.split(jax.random.key(seed), len(flat))
     size = max(min(AT_ONCE, IMPACTS // len(value)), 1)
-    results = jax.jit(lambda *some: jax.lax.map(at_draw, some, batch_size=size))(flat, keys)
+    of_draws = density.jitted(lambda *some: jax.lax.map(at_draw, some, batch_size=size))
+    results = of_draws(flat, keys)
     results = jax.tree.map(lambda a: np.asarray(a).reshape(*shape, *a.shape[1:]), results)
     statistics = {**statistics, **{n: results[n] for n in ("log_prior", "log_jacobian")}}
     dims = (*DIMS, "point")
