@@ -1,4 +1,4 @@
-"""One precision for all tests, and the array types in signatures checked while they run.
+"""One precision for all tests.
 
 Programs are compiled as users' are: no flag or option is set that a user would not have.
 """
@@ -11,7 +11,6 @@ import tempfile
 from collections import Counter
 
 import pytest
-from jaxtyping import install_import_hook
 
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     # one worker's compilations serve the other, and whatever the tests start; commands keep none of
@@ -21,27 +20,9 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
     atexit.register(shutil.rmtree, shared, ignore_errors=True)
 
-# The physics behind the public names, where every annotation is meant literally. The names that
-# users call say what they accept themselves, with a ValueError (refusals).
-CHECKED = (
-    "softjax.numerics.powers",
-    "softjax.numerics.roots",
-    "softjax.numerics.quadrature",
-    "softjax.engine.outcome",
-    "softjax.engine.motion",
-    "softjax.engine.encke",
-    "softjax.engine.energy",
-    "softjax.engine.falls",
-    "softjax.engine.phase",
-    "softjax.laws._first_order",
-    "softjax.laws._full",
-)
+import jax
 
-with install_import_hook(CHECKED, "beartype.beartype"):
-    import jax
-
-    import softjax as sj
-    import softjax.engine.motion  # loaded late otherwise, past the hook
+import softjax as sj
 
 sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often

@@ -1,5 +1,9 @@
 """Products keep their whole precision on every device, and numbers shorter than float32 are computed in it."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import ml_dtypes
@@ -49,16 +53,41 @@ LAWS = {"first-order": ZHOU, "viscous": VISCOUS, "own": Cone(PAIR, 1e11)}
 IN_TIME = [(call, law) for call in ("by time", "history") for law in ("viscous", "own")]
 
 
-@pytest.mark.parametrize(
-    ("call", "law"), [*((c, law) for c in ("duration", "restitution") for law in LAWS), *IN_TIME]
-)
-def test_products_have_no_shortened_factors(call, law):
+def trace():
     """By default GPUs round the factors of a product of float32 to ten bits (TF32)."""
-    slopes = jax.jacfwd if (call, law) not in IN_TIME else lambda f: f  # traced for ten seconds
-    program = jax.make_jaxpr(slopes(CALLS[call]))(LAWS[law], jnp.asarray([0.1, 1.0]))
-    found = list(products(program.jaxpr))
-    assert set(found) <= {(HIGHEST, HIGHEST), HIGHEST}
-    assert found or (call, law) != ("duration", "first-order")  # what is looked for is there
+    values = [(call, law) for call in ("duration", "restitution") for law in LAWS]
+    for call, law in values + IN_TIME:
+        slopes = jax.jacfwd if (call, law) in values else lambda f: f  # traced for ten seconds
+        program = jax.make_jaxpr(slopes(CALLS[call]))(LAWS[law], jnp.asarray([0.1, 1.0]))
+        found = list(products(program.jaxpr))
+        assert set(found) <= {(HIGHEST, HIGHEST), HIGHEST}, (call, law)
+        assert found or (call, law) != ("duration", "first-order")  # what is looked for is there
+
+
+# The physics behind the public names, where every annotation is meant literally. The names that
+# users call say what they accept themselves, with a ValueError (refusals).
+CHECKED = """
+from jaxtyping import install_import_hook
+inside = {
+    "engine": ("outcome", "motion", "encke", "energy", "falls", "phase"),
+    "laws": ("_first_order", "_full"),
+    "numerics": ("powers", "roots", "quadrature"),
+}
+modules = [f"softjax.{part}.{name}" for part, names in inside.items() for name in names]
+with install_import_hook(modules, "beartype.beartype"):
+    import softjax.engine.motion  # loaded late otherwise, past the hook
+softjax.enable_x64()
+from tests.jax.test_precision import trace
+trace()
+"""
+
+
+def test_products_have_no_shortened_factors_and_arrays_the_types_of_their_signatures():
+    """In a process of its own: what checks the types of all calls makes tracing a fifth dearer."""
+    here = Path(__file__).parents[2]
+    command = [sys.executable, "-c", CHECKED]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=here, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
 
 
 @pytest.mark.parametrize("kind", [ml_dtypes.bfloat16, ml_dtypes.float8_e4m3fn, np.float16])
