@@ -20,17 +20,17 @@ def y_values(name, below=10, above=20):
     return np.concatenate([low, np.geomspace(1.3, TRUTH[name][4], above)])
 
 
-def twin(name, y=None, noise=0.0, seed=0, area="zhou", **told):
+def twin(name, y=None, noise=0.0, seed=0, area="zhou", **options):
     """The model's own curve, made by SciPy, with its known parameters."""
     _, chi, sigma, psi, _ = TRUTH[name]
     contact = pair(name, area)
     velocity = (y_values(name) if y is None else np.asarray(y)) * float(contact.critical_velocity)
     exact = fit_oracle.curve(velocity, fit_oracle.numbers(contact), chi, sigma, psi)
     noisy = exact + noise * np.random.default_rng(seed).standard_normal(len(velocity))
-    return cal.RestitutionData(velocity, noisy, contact, name=name, **told)
+    return cal.RestitutionData(velocity, noisy, contact, name=name, **options)
 
 
-def eq_17_data(name, points=30, noise=0.0, seed=0, y=None, **told):
+def eq_17_data(name, points=30, noise=0.0, seed=0, y=None, **options):
     """Eq. (17) with Table 1's coefficients."""
     _, _, sigma, psi, y_end = TRUTH[name]
     contact = pair(name)
@@ -38,4 +38,4 @@ def eq_17_data(name, points=30, noise=0.0, seed=0, y=None, **told):
     velocity = y * float(contact.critical_velocity)
     exact = fit_oracle.eq_17(velocity, float(contact.limit_velocity), sigma, psi)
     noisy = exact + noise * np.random.default_rng(seed).standard_normal(len(velocity))
-    return cal.RestitutionData(velocity, noisy, contact, name=name, **told)
+    return cal.RestitutionData(velocity, noisy, contact, name=name, **options)

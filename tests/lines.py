@@ -46,8 +46,8 @@ class Lines(NamedTuple):
         """
         of_file = self.numbers.get(file, {})
         whole = set(of_file.values())
-        wanted = {of_file[str(line)]} if str(line) in of_file else whole
-        found = [test for test, noted in self.statements.items() if not wanted.isdisjoint(noted)]
+        expected = {of_file[str(line)]} if str(line) in of_file else whole
+        found = [test for test, noted in self.statements.items() if not expected.isdisjoint(noted)]
         files = {test.partition("::")[0] for test in found}
         places = {test: (1 + (self.seconds[test] >= 1), test.partition("::")[0]) for test in found}
         for test, noted in self.statements.items():

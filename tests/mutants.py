@@ -113,31 +113,31 @@ def tried(copy: Path, change: Change, tests: list[str], limit: int) -> Outcome:
     source = path.read_bytes()
     path.write_bytes(change.applied(source))
     try:
-        code, said = tests_run(copy, tests, limit)
+        code, out = tests_run(copy, tests, limit)
     finally:
         path.write_bytes(source)
     if code < 0:
         return Outcome(change, TIMEOUT, "")
-    failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    failed = [line for line in out.splitlines() if line.startswith(("FAILED", "ERROR"))]
     if not failed and code == pytest.ExitCode.OK:
         return Outcome(change, SURVIVED, "")
     if not failed:  # the change, or the place where the tests are run
-        code, said = tests_run(copy, ["--collect-only", *tests], limit)
+        code, out = tests_run(copy, ["--collect-only", *tests], limit)
         if code:
-            raise RuntimeError(f"no test runs in {copy}: {said[-1000:]}")
+            raise RuntimeError(f"no test runs in {copy}: {out[-1000:]}")
     return Outcome(change, NOTICED, [*failed, "not even collected"][0].partition(" - ")[0])
 
 
 def tests_run(copy: Path, tests: list[str], limit: int) -> tuple[int, str]:
     """The exit code of pytest in a copy of the project, below 0 beyond the limit, and what it said."""
-    with tempfile.TemporaryFile("w+", errors="replace") as said:
+    with tempfile.TemporaryFile("w+", errors="replace") as output:
         sys.stdout.flush()
         child = os.fork()  # of a process that has the libraries loaded, and runs nothing else
         if not child:
-            _tests_run(copy, tests, limit, said.fileno())
+            _tests_run(copy, tests, limit, output.fileno())
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        said.seek(0)
-        return code, said.read()
+        output.seek(0)
+        return code, output.read()
 
 
 def _tests_run(copy: Path, tests: list[str], limit: int, out: int) -> NoReturn:

@@ -62,10 +62,10 @@ def test_only_what_is_written_again_changes(name, alloy, tmp_path):
         (out / one).write_text(f"old {one}")
     words = [str(alloy) if word == "ALLOY" else word for word in words]
     with drawn():
-        code, said, error = run("--no-cache", *words, "--out", out)
+        code, printed, error = run("--no-cache", *words, "--out", out)
     assert code == 0, error
     line = f"Written to {out}: {', '.join(sorted(expected))}\n"
-    assert said.endswith(line)
+    assert printed.endswith(line)
     kept = {one for one in every if (out / one).read_bytes() == f"old {one}".encode()}
     assert every - kept == expected
     there = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}

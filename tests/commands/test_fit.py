@@ -133,8 +133,8 @@ def test_another_seed_gives_other_starts(tmp_path):
     ends = []
     for seed in (0, 11):
         by_words = fitted(tmp_path, ["--seed", str(seed)], settings, below=below)
-        said = {"growth": cal.Parameter(1e5)}
-        assert by_words == in_python(settings | {"seed": seed}, said)
+        parameters = {"growth": cal.Parameter(1e5)}
+        assert by_words == in_python(settings | {"seed": seed}, parameters)
         assert not by_words.converged
         ends.append(by_words.values["growth"])
     assert ends[0] != pytest.approx(ends[1], rel=1e-3)

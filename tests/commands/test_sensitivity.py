@@ -133,8 +133,8 @@ def test_what_has_no_logarithm_is_left_out_of_a_logarithmic_scale(at, capsys):
     few = ("--study", "global", "--samples", "16")
     found = told_by("foam.toml", *law, *few, "--scale", "log")["global"]
     assert "poisson_ratio" not in found["inputs"]
-    told = capsys.readouterr().out
-    assert "Not varied (below zero, without a logarithm): ν (poisson_ratio)." in told
+    out = capsys.readouterr().out
+    assert "Not varied (below zero, without a logarithm): ν (poisson_ratio)." in out
     assert "poisson_ratio" in told_by("foam.toml", *law, *few)["global"]["inputs"]
 
 
@@ -144,8 +144,8 @@ def test_samples_that_do_not_rebound_are_told(at, capsys):
     options = ("--study", "global", "--samples", "64", "--range", "limit_velocity=321:329")
     found = told_by(*law, *options, "--at", "100", "325")["global"]
     assert found["zeros"] == [0.0, pytest.approx(0.5, abs=0.02)]
-    told = capsys.readouterr().out
-    assert f"ε = 0: {100 * found['zeros'][1]:.3g} % at 325 m/s." in told
+    out = capsys.readouterr().out
+    assert f"ε = 0: {100 * found['zeros'][1]:.3g} % at 325 m/s." in out
 
 
 @pytest.fixture(scope="module")
@@ -182,8 +182,8 @@ def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
     replace(fit, warnings=(doubt, replace(doubt, material="another"))).save("doubted.json")
     planned = told_by("--fit", "doubted.json", "--study", "information")
     assert planned["warnings"] == [str(doubt)]
-    told = " ".join(capsys.readouterr().out.split())
-    assert "The plan relies on this fit, which has these warnings: ! residual-runs" in told
+    out = " ".join(capsys.readouterr().out.split())
+    assert "The plan relies on this fit, which has these warnings: ! residual-runs" in out
 
 
 def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
@@ -204,14 +204,14 @@ def test_a_parameter_at_its_bound_is_taken_as_known_and_said_with_the_fits_inter
     at, capsys, fit
 ):
     at_its_bound(fit, "psi", 0.7).save("bound.json")
-    (told,) = told_by("--fit", "bound.json", "--study", "information")["information"][
+    (entry,) = told_by("--fit", "bound.json", "--study", "information")["information"][
         "taken_as_known"
     ]
-    assert told.startswith("psi is at its bound 0.7 and is taken as known: the error")
+    assert entry.startswith("psi is at its bound 0.7 and is taken as known: the error")
     chi = fit.values["chi"]
     parts = f"({100 * (0.2 / chi - 1):+.2g} % to {100 * (0.25 / chi - 1):+.2g} %)"
-    assert f"the fit's 95 % interval of chi is 0.2 to 0.25 {parts}" in told
-    assert told in " ".join(capsys.readouterr().out.split())
+    assert f"the fit's 95 % interval of chi is 0.2 to 0.25 {parts}" in entry
+    assert entry in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys, fit):
@@ -219,21 +219,21 @@ def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys, fit):
     replace(fit, materials=(part,)).save("part.json")
     command = ["sensitivity", "--fit", "part.json", "--study", "design", "--from", "0.1"]
     assert main(command) == 2
-    told = capsys.readouterr().err
-    assert "but is 0.1" in told  # the lowest velocity, which is outside
-    assert "0.8352 m/s or more, where this fit knows the law" in told
-    assert "`softjax sensitivity FILE.toml --chi … --sigma … --psi … --study design" in told
-    assert "inf" not in told
+    error = capsys.readouterr().err
+    assert "but is 0.1" in error  # the lowest velocity, which is outside
+    assert "0.8352 m/s or more, where this fit knows the law" in error
+    assert "`softjax sensitivity FILE.toml --chi … --sigma … --psi … --study design" in error
+    assert "inf" not in error
 
 
 def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, capsys, fit):
     one = fit.material()
     psi = replace(one.parameters["psi"], free=False)
-    held = replace(
+    fixed = replace(
         one, parameters={**one.parameters, "psi": psi}, values={**one.values, "sigma": 0.0}
     )
     doubt = cal.FitWarning("residual-runs", "2 runs where 6 are expected", one.name)
-    replace(fit, materials=(held,), warnings=(doubt,)).save("held.json")
+    replace(fit, materials=(fixed,), warnings=(doubt,)).save("held.json")
     few = ("--fit", "held.json", "--study", "global", "--samples", "16", "--at", "20")
     study = told_by(*few)
     assert "warnings" not in study  # which are of plans
@@ -241,11 +241,11 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
     assert found["inputs"] == ["youngs_modulus", "yield_strength", "limit_velocity", "chi"]
     assert set(found["left_out"]) == {"radius", "mass", "sigma", "psi"}
     assert found["assumed"] == "each input uniform within ±10 % of its value, independently"
-    told = capsys.readouterr().out
+    out = capsys.readouterr().out
     for line in (
         f"Assumed: {found['assumed']}.",
         "Not varied (fixed in the fit): ψ (psi).",
         "Not varied (zero, so that ±10 % is no range): σ (sigma).",
         "R (radius), M (mass)",
     ):
-        assert line in told
+        assert line in out

@@ -245,13 +245,13 @@ def test_intervals_hold_the_truth_as_often_as_they_say(name, sets):
 @pytest.mark.parametrize("name", ["specimens in blocks", "8 points"])
 def test_bands_of_predictions_hold_one_more_impact(name):
     """Of a specimen not seen before where there are any."""
-    case, held = cal.CoverageCase(name, **{"options": QUICK} | CASES[name]), 0
+    case, inside = cal.CoverageCase(name, **{"options": QUICK} | CASES[name]), 0
     for k in range(300):
         data, other = (case.data(np.random.default_rng((seed, k))) for seed in (7, 8))
         band = case.fit(data).band(data.velocity[7], kind="prediction")
-        held += float(band.low) <= other.restitution[7] <= float(band.high)
+        inside += float(band.low) <= other.restitution[7] <= float(band.high)
     low, high = stats.binom.interval(0.999, 300, 0.95)
-    assert low <= held <= high
+    assert low <= inside <= high
 
 
 HARD = {  # of which standard errors say little: data by a seed, parameter, its truth and start
@@ -296,8 +296,8 @@ if __name__ == "__main__":
         found = study(name, int(sys.argv[1]))
         print(f"{name}: {sys.argv[1]} sets, {100 * found.converged:.4g} % converged")
         for label in found.truth:
-            told = f"{100 * found.covered[label]:.1f} %, ratio {found.ratio[label]:.3f}"
-            told += (
+            summary = f"{100 * found.covered[label]:.1f} %, ratio {found.ratio[label]:.3f}"
+            summary += (
                 f", bias {found.bias[label]:+.3f}, open {100 * found.without_interval[label]:.3g} %"
             )
-            print(f"    {label}: {told}", flush=True)
+            print(f"    {label}: {summary}", flush=True)

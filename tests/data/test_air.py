@@ -75,10 +75,10 @@ def simulated(name, factor=1.0):
 def test_restitutions_of_simulated_flights_come_back(name):
     """With what is left of the correction."""
     restitution = BALLS[name][-1]
-    tables, speeds, told = simulated(name)
+    tables, speeds, ball = simulated(name)
     for kind, (table, first) in tables.items():
-        data = cal.RestitutionData.from_table(table, **told)
-        bare = cal.RestitutionData.from_table(table, air=False, **told)
+        data = cal.RestitutionData.from_table(table, **ball)
+        bare = cal.RestitutionData.from_table(table, air=False, **ball)
         expected = np.array(speeds[first : first + len(data)])
         assert np.all(np.abs(data.restitution / restitution - 1) < 0.03), kind
         off, correction = data.restitution - restitution, bare.restitution - restitution
@@ -114,10 +114,10 @@ def test_errors_follow_the_derivatives(kind):
 
     def points(**changed):
         table = {**TABLES[kind], **changed}
-        return cal.RestitutionData.from_table(table, diameter=6e-3, mass=1.3e-4, **told)
+        return cal.RestitutionData.from_table(table, diameter=6e-3, mass=1.3e-4, **options)
 
-    told = {} if kind == "heights" else {f"{kind}_uncertainty": 1e-3}
-    told = told or {"height_uncertainty": 1e-3}
+    options = {} if kind == "heights" else {f"{kind}_uncertainty": 1e-3}
+    options = options or {"height_uncertainty": 1e-3}
     data, step = points(), 1e-6
     e = data.errors
     for name, values in TABLES[kind].items():
@@ -133,19 +133,19 @@ def test_errors_follow_the_derivatives(kind):
 
 
 def test_a_restitution_computed_as_if_in_vacuum_is_corrected_and_one_in_air_is_not():
-    told = {"diameter": 6e-3, "mass": 1.3e-4}
+    options = {"diameter": 6e-3, "mass": 1.3e-4}
     table = TABLES["heights"]
-    in_air = cal.RestitutionData.from_table(table, **told)
-    bare = cal.RestitutionData.from_table(table, air=False, **told)
+    in_air = cal.RestitutionData.from_table(table, **options)
+    bare = cal.RestitutionData.from_table(table, air=False, **options)
     for given in (in_air, bare):
-        beside = {**table, "restitution": given.restitution}
-        data = cal.RestitutionData.from_table(beside, **told)
+        with_restitution = {**table, "restitution": given.restitution}
+        data = cal.RestitutionData.from_table(with_restitution, **options)
         np.testing.assert_allclose(data.restitution, in_air.restitution, rtol=1e-14)
 
 
 def test_drag_enters_all_points_by_one_coefficient():
     """Flights with drag 2 % stronger and weaker than the correlation has it."""
-    told = {"diameter": 6e-3, "mass": 1.3e-4}
+    options = {"diameter": 6e-3, "mass": 1.3e-4}
     more, less = (simulated("6 mm nylon", 1 + c) for c in (0.02, -0.02))
     for kind, (_, first) in more[0].items():
         found = []
@@ -156,20 +156,20 @@ def test_drag_enters_all_points_by_one_coefficient():
         by = (found[0] - found[1]) / 0.04
         np.testing.assert_allclose(data.errors.by_drag, by, rtol=0.04, err_msg=kind)
     repeats = {"drop_height": [0.5, 0.5, 0.8], "rebound_height": [0.3, 0.3, 0.5]}
-    every = cal.RestitutionData.from_table(repeats, **told)
+    every = cal.RestitutionData.from_table(repeats, **options)
     mean = every.averaged()
     np.testing.assert_allclose(mean.errors.by_drag, every.errors.by_drag[1:])
 
 
 def test_what_is_measured_in_a_vacuum_or_directly_stays():
     speeds = {"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, 1.6]}
-    told = {"diameter": 6e-3, "mass": 1.3e-4}
-    data = cal.RestitutionData.from_table(speeds, **told)
+    options = {"diameter": 6e-3, "mass": 1.3e-4}
+    data = cal.RestitutionData.from_table(speeds, **options)
     np.testing.assert_array_equal(data.restitution, [0.8, 0.8])
     assert data.errors.by_drag is None
     assert not any("air" in note for note in data.remarks)
     heavy = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, mass=100.0)
-    bare = cal.RestitutionData.from_table(TABLES["heights"], air=False, **told)
+    bare = cal.RestitutionData.from_table(TABLES["heights"], air=False, **options)
     np.testing.assert_allclose(heavy.restitution, bare.restitution, rtol=1e-7)
 
 
@@ -177,8 +177,8 @@ def test_the_ball_is_that_of_the_bodies_or_of_a_contact_with_a_wall():
     ball = sj.Material(3e9, 0.35, 1140.0, 6e7)
     wall = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 3e-3)
     of_contact = cal.RestitutionData.from_table(TABLES["heights"], wall)
-    told = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, density=1140.0)
-    np.testing.assert_allclose(of_contact.restitution, told.restitution, rtol=1e-14)
+    stated = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, density=1140.0)
+    np.testing.assert_allclose(of_contact.restitution, stated.restitution, rtol=1e-14)
     unknown = cal.RestitutionData.from_table(TABLES["heights"])
     assert unknown.remarks[-1].startswith(
         "not corrected for air: the ball's diameter, and its mass"
@@ -196,8 +196,8 @@ def test_a_file_says_what_the_balls_fly_in(read_toml, lines, air):
     csv = "drop_height [m],rebound_height [m]\n0.5,0.3\n0.8,0.5\n"
     toml = '[[material]]\nname = "a"\ndata = "m.csv"\ndiameter = "6 mm"\nmass = "0.13 g"\n' + lines
     (data,) = read_toml(toml, csv)
-    told = {"diameter": 6e-3, "mass": 1.3e-4, "air": air}
-    expected = cal.RestitutionData.from_table(TABLES["heights"], **told).restitution
+    options = {"diameter": 6e-3, "mass": 1.3e-4, "air": air}
+    expected = cal.RestitutionData.from_table(TABLES["heights"], **options).restitution
     np.testing.assert_allclose(data.restitution, expected, rtol=1e-12)
     with pytest.raises(ValueError, match='air is "5 %"; it must be true, false, or a density'):
         read_toml(toml.replace(lines or "\x00", "") + 'air = "5 %"\n', csv)

@@ -59,7 +59,7 @@ SPELLINGS = {
     "timing_uncertainty timing": "σ_t [s]; u_t; t_err; timing error (s); u(t) [s]",
 }
 EVERY = [
-    (*place.split(" ", 1), one) for place, told in SPELLINGS.items() for one in told.split("; ")
+    (*place.split(" ", 1), word) for place, words in SPELLINGS.items() for word in words.split("; ")
 ]
 
 
@@ -76,10 +76,10 @@ def renamed(table, **names):
 
 @pytest.mark.parametrize(("name", "table", "spelling"), EVERY)
 def test_a_spelling_is_its_name(name, table, spelling):
-    own = renamed(TABLES[table], **{name: spelling})
+    spelled = renamed(TABLES[table], **{name: spelling})
     if spelling.strip(" [m]").startswith(("h1", "h_1")) and name == "drop_height":
-        own = renamed(own, rebound_height="h2")  # which tell each other apart
-    group, found = numbers(READ(own))
+        spelled = renamed(spelled, rebound_height="h2")  # which tell each other apart
+    group, found = numbers(READ(spelled))
     expected_group, expected = numbers(READ(TABLES[table]))
     assert group == expected_group
     np.testing.assert_allclose(found, expected, rtol=1e-13)

@@ -52,8 +52,8 @@ def test_numbers_and_lines_of_a_file(read, text):
     assert data.origin.lines == lines
     assert any(words in one for one in data.remarks)
     assert any("commas" in one for one in data.remarks) == (words == "commas")
-    told = words.startswith("assuming") or text.startswith(("v,e,", "v,e\n1", "operator"))
-    assert any(" unit" in one for one in data.remarks) == told
+    noted = words.startswith("assuming") or text.startswith(("v,e,", "v,e\n1", "operator"))
+    assert any(" unit" in one for one in data.remarks) == noted
 
 
 def test_labels_and_lines_of_rows_that_were_not_measured(read):

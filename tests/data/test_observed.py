@@ -61,9 +61,9 @@ def test_velocities_and_drops_serve_without_a_rebound():
     assert np.all(np.isnan(alone.restitution))
     assert "ε not measured" in repr(alone)
     table = {"drop_height": [0.5, 0.8, 1.0], "peak_force": [9.0, 11.0, 12.0]}
-    told = {"height_uncertainty": 1e-3, "diameter": 0.01, "mass": 4e-3}
-    fall = READ(table, **told)
-    both = READ({**table, "rebound_height": [0.3, NAN, 0.6]}, **told)
+    options = {"height_uncertainty": 1e-3, "diameter": 0.01, "mass": 4e-3}
+    fall = READ(table, **options)
+    both = READ({**table, "rebound_height": [0.3, NAN, 0.6]}, **options)
     for data in (fall, both):
         np.testing.assert_allclose(
             data.velocity, np.sqrt(2 * 9.80665 * np.array(table["drop_height"])), rtol=3e-3
@@ -77,7 +77,7 @@ def test_velocities_and_drops_serve_without_a_rebound():
         again = READ(
             {**table, "rebound_height": [0.3, NAN, 0.6], "restitution": [0.775, NAN, 0.775]},
             air=air,
-            **told,
+            **options,
         )
         np.testing.assert_allclose(again.restitution, [0.775, NAN, 0.775], atol=3e-3)
     again = READ({**speeds, "restitution": [0.8, NAN]})
@@ -91,8 +91,8 @@ FORCES = {"peak_force": [1, 2]}
 V = [1.0, 2.0]
 
 
-def of(told=None, **table):
-    return READ({"velocity": V, **table}, **told or {})
+def of(stated=None, **table):
+    return READ({"velocity": V, **table}, **stated or {})
 
 
 REFUSED = [

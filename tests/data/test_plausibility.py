@@ -39,8 +39,8 @@ def codes(file):
     return {one.code for one in cal.plausibility(data)} - {"yield-beyond-limit"}
 
 
-def of(velocity, restitution, **told):
-    data = cal.RestitutionData(velocity, restitution, **told)
+def of(velocity, restitution, **options):
+    data = cal.RestitutionData(velocity, restitution, **options)
     return [one.code for one in cal.plausibility(data)]
 
 

@@ -80,7 +80,7 @@ def test_one_uncertainty_of_both_numbers_or_of_one():
     one = READ({"drop_height": [1.0], "rebound_height": [0.64]}, rebound_height_uncertainty="5 mm")
     np.testing.assert_allclose(one.uncertainty, [0.005 / (2 * 0.8)], rtol=1e-12)
     assert one.velocity_uncertainty is None
-    assert any("drop_height" in told and "exact" in told for told in one.remarks)
+    assert any("drop_height" in remark and "exact" in remark for remark in one.remarks)
 
 
 def test_timing_that_is_not_told_is_one_unknown_size():
@@ -106,9 +106,9 @@ def test_timing_that_is_not_told_is_one_unknown_size():
 
 def test_uncertainties_of_points_come_on_top_of_what_is_shared():
     table = {"interval": [0.5, 0.4, 0.3]}
-    own = table | {"velocity_uncertainty": [0.1, 0.2, np.nan]}
+    more = table | {"velocity_uncertainty": [0.1, 0.2, np.nan]}
     timing = {"interval_uncertainty": 0.001}
-    sets = READ(table, **timing), READ(own, **timing), READ(own, **timing, uncertainty=0.02)
+    sets = READ(table, **timing), READ(more, **timing), READ(more, **timing, uncertainty=0.02)
     shared, alone, both = (covariance_of(d, SLOPE) for d in sets)
     np.testing.assert_allclose(
         alone, shared + np.diag((SLOPE * np.array([0.1, 0.2])) ** 2), rtol=1e-12
@@ -139,8 +139,8 @@ def test_points_in_any_order_have_the_same_covariances():
     expected[1, 2] = expected[2, 1] = 4 * 5
     whole = stats.multivariate_normal(np.full(4, 0.6), expected).logpdf(eps)
     for order in ([0, 1, 2, 3], [2, 0, 3, 1]):
-        own = index[order], to_eps[order], to_v, np.ones(4), "times", alone[order]
-        data = cal.RestitutionData(np.arange(1.0, 5.0), eps[order], errors=cal.PointErrors(*own))
+        parts = index[order], to_eps[order], to_v, np.ones(4), "times", alone[order]
+        data = cal.RestitutionData(np.arange(1.0, 5.0), eps[order], errors=cal.PointErrors(*parts))
         np.testing.assert_allclose(covariance_of(data), expected[np.ix_(order, order)], rtol=1e-14)
         found = jax.jit(cal.problem(data, "constant").log_likelihood)({"restitution": 0.6})
         assert found == pytest.approx(whole, rel=1e-12)

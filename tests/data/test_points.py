@@ -54,9 +54,9 @@ def test_sets_that_differ_in_one_thing_differ():
 def test_one_limit_velocity_in_the_contact_and_beside_it():
     data = cal.RestitutionData([1.0], [0.9], PAIR)
     assert data.limit_velocity == pytest.approx(math.sqrt(3 * 3.10e8 / 8030), rel=1e-14)
-    told = cal.RestitutionData([1.0], [0.9], PAIR, limit_velocity=250)
-    assert told.limit_velocity == told.contact.limit_velocity == 250.0
-    assert told.contact.yield_strength == PAIR.yield_strength
+    stated = cal.RestitutionData([1.0], [0.9], PAIR, limit_velocity=250)
+    assert stated.limit_velocity == stated.contact.limit_velocity == 250.0
+    assert stated.contact.yield_strength == PAIR.yield_strength
     assert len(cal.RestitutionData([np.nextafter(2.0, 0.0)], [0.0], limit_velocity=2.0)) == 1
 
 

@@ -170,8 +170,8 @@ def problem(tmp_path):
 
 def test_parameters_of_a_material(problem):
     """A number fixes; what is said of one material goes before what is said of all."""
-    (said,) = problem(OF_ALL + entry(properties="") + OF_ONE).parameters
-    assert said == {
+    (parameters,) = problem(OF_ALL + entry(properties="") + OF_ONE).parameters
+    assert parameters == {
         "psi": cal.Parameter(0.5, free=False),
         "chi": cal.Parameter(0.1, bounds=(0.01, math.inf), transform="log"),
         "yield_strength": cal.Parameter(3.1e8, prior=(3.1e8, 2e7), bounds=(1e8, math.inf)),
@@ -181,16 +181,16 @@ def test_parameters_of_a_material(problem):
         "sigma": cal.Parameter(3.0, shared=True),
         "xi": cal.Parameter(0.4),
     }
-    assert math.copysign(1, said["zeta"].value) == 1
+    assert math.copysign(1, parameters["zeta"].value) == 1
 
 
 def test_settings(problem):
-    told = {
+    options = {
         "law": "zhou", "objective": "model", "optimiser": "levenberg-marquardt", "route": "ode",
         "rtol": 1e-8, "seed": 7, "starts": 32, "form": "full", "kappa": "printed", "area": "hertz",
         "confidence": 0.9, "max_steps": 50, "unloading_line": "weighted", "profiles": False,
         "extra_scatter": True,
     }  # fmt: skip
-    lines = [f"{key} = {json.dumps(value)}" for key, value in told.items()]
-    assert problem("\n".join(["[fit]", *lines, entry(properties="")])).settings == told
+    lines = [f"{key} = {json.dumps(value)}" for key, value in options.items()]
+    assert problem("\n".join(["[fit]", *lines, entry(properties="")])).settings == options
     assert problem(entry(properties="")).settings == {}

@@ -57,8 +57,8 @@ def test_speeds(unit, size):
         data = cal.RestitutionData.from_table(table)
         assert data.velocity[0] == pytest.approx(3.0, rel=1e-14)
         assert data.velocity_uncertainty[0] == pytest.approx(0.05, rel=1e-14)
-    told = {"velocity": [3.0], "e": [0.9]}
-    data = cal.RestitutionData.from_table(told, velocity_uncertainty=f"{0.05 / size!r} {unit}")
+    table = {"velocity": [3.0], "e": [0.9]}
+    data = cal.RestitutionData.from_table(table, velocity_uncertainty=f"{0.05 / size!r} {unit}")
     assert data.velocity_uncertainty[0] == pytest.approx(0.05, rel=1e-14)
 
 
@@ -124,8 +124,8 @@ def test_gravity(unit, size, read_toml):
 
 def test_numbers_with_their_unit_as_text(read_toml):
     text = '[[material]]\ndata = "m.csv"\nvelocity_uncertainty = "{}"\n'
-    for told, expected in (("5 %", 0.1), ("+1.5e1 mm/s", 0.015), (" 25mm/s ", 0.025)):
-        (data,) = read_toml(text.format(told))
+    for quantity, expected in (("5 %", 0.1), ("+1.5e1 mm/s", 0.015), (" 25mm/s ", 0.025)):
+        (data,) = read_toml(text.format(quantity))
         assert data.velocity_uncertainty[1] == pytest.approx(expected, rel=1e-14)
 
 

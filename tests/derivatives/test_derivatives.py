@@ -364,7 +364,7 @@ def test_hard_impacts(route, precision, form):
     signed = column(rows, "eps_squared")
     alive = signed > 0  # ε² is clipped at 0
     least = TOLERANCE[precision] if route == "ode" else 0.0
-    told = (signed == 0) | (np.abs(signed) > least)  # its sign
+    sure = (signed == 0) | (np.abs(signed) > least)  # its sign
     exact = np.where(alive, [column(rows, "slopes", SYMBOLS[name]) for name in SYMBOLS], 0.0)
     allowed, allowed_slope = bounds(route, precision, rows, exact)
     expected = np.maximum(signed, 0)
@@ -375,12 +375,12 @@ def test_hard_impacts(route, precision, form):
     if route == "ode":  # it cannot tell a gain within its tolerance from rounding
         unknown = (expected > 1) & (expected - 1 < 3 * TOLERANCE[precision])
         assert np.sum(unknown) <= 2
-        assert np.sum(~told) <= 2
+        assert np.sum(~sure) <= 2
         known = np.where(unknown, ~int(sj.Status.ENERGY_GAIN), -1)
-        known = np.where(told, known, ~int(sj.Status.NO_REBOUND))
+        known = np.where(sure, known, ~int(sj.Status.NO_REBOUND))
     assert failing(rows, status & known == flags_of(rows) & known) == []
     for slopes in gradients:
-        assert failing(rows, ~told | np.all(np.abs(slopes - exact) <= allowed_slope, axis=0)) == []
+        assert failing(rows, ~sure | np.all(np.abs(slopes - exact) <= allowed_slope, axis=0)) == []
 
 
 @pytest.mark.parametrize("form", FORMS)

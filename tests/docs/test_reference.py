@@ -53,11 +53,11 @@ def test_every_option_of_a_command_is_told(command):
     sections = {part.partition("\n")[0]: part for part in re.split(r"^##+ ", text, flags=re.M)}
     common = sections["Common to all"] + sections["Which collision"]
     names = [name for name in sections if name.startswith(f"`softjax {command}")]
-    own = "".join(sections[name] for name in names) + sections["Velocities and files"] * (
+    section = "".join(sections[name] for name in names) + sections["Velocities and files"] * (
         command == "curve"
     )
     options = set(re.findall(r"(?<!\S)(--[a-z0-9-]+)", helped(command)))
-    documented = set(re.findall(r"`(--[a-z0-9-]+)", common + own))
+    documented = set(re.findall(r"`(--[a-z0-9-]+)", common + section))
     assert options - documented == {"--help"}
 
 
@@ -74,8 +74,8 @@ def test_every_warning_is_documented():
 def test_every_law_is_told_with_its_parameters():
     text = (CHAPTERS / "laws.md").read_text(encoding="utf-8")
     rows = [row.split(" | ") for row in text.splitlines() if row.startswith("| `")]
-    told = {row[1].strip("`"): set(re.findall(r"`(\w+)`", row[2])) for row in rows if len(row) == 5}
-    assert told == {
+    laws = {row[1].strip("`"): set(re.findall(r"`(\w+)`", row[2])) for row in rows if len(row) == 5}
+    assert laws == {
         name: {f.name for f in fields(law) if "declared" in f.metadata}
         for name, law in cal.LAWS.items()
     }

@@ -23,8 +23,8 @@ def exported(tmp_path_factory):
         key = id(source), to, repr(sorted(options.items()))  # the Export keeps the source
         if key not in made:
             folder = tmp_path_factory.mktemp("export") / "out"
-            told = {"velocity_range": RANGE} | options
-            made[key] = cal.export(source, to, folder, **told), folder
+            settings = {"velocity_range": RANGE} | options
+            made[key] = cal.export(source, to, folder, **settings), folder
         return made[key]
 
     return export
@@ -35,8 +35,8 @@ def header(exported):
     """The C header of a law itself."""
 
     def text(source, /, **options):
-        told = {"law": "exact", "steps": 50, "tolerance": 0.5} | options
-        made, folder = exported(source, "c", **told)
+        settings = {"law": "exact", "steps": 50, "tolerance": 0.5} | options
+        made, folder = exported(source, "c", **settings)
         return (folder / made.files[0]).read_text(encoding="utf-8")
 
     return text

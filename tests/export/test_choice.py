@@ -176,25 +176,25 @@ REFUSED = [
 
 @pytest.mark.parametrize(("law", "options", "accepted"), REFUSED)
 def test_what_cannot_be_exported_is_refused(law, options, accepted, tmp_path):
-    told = {"to": "c", "velocity_range": RANGE} | options
+    settings = {"to": "c", "velocity_range": RANGE} | options
     with pytest.raises(ValueError, match=accepted) as error:
-        cal.export(law, told.pop("to"), tmp_path / "out", **told)
+        cal.export(law, settings.pop("to"), tmp_path / "out", **settings)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("options", [{"to": "liggghts"}, {"steps": 10}])
 def test_where_nothing_keeps_the_tolerance_the_best_is_named(options, tmp_path):
-    told = {"to": "c", "velocity_range": RANGE} | options
-    code = told.pop("to")
+    settings = {"to": "c", "velocity_range": RANGE} | options
+    code = settings.pop("to")
     with pytest.raises(ValueError, match=r"no law meets the tolerance 0\.001") as error:
-        cal.export(STEEL, code, tmp_path / "out", tolerance=0.001, **told)
+        cal.export(STEEL, code, tmp_path / "out", tolerance=0.001, **settings)
     assert not (tmp_path / "out").exists()
     needed = float(re.search(r"try --tolerance (\S+)", str(error.value))[1])
-    made = cal.export(STEEL, code, tmp_path / "out", tolerance=needed, **told)
+    made = cal.export(STEEL, code, tmp_path / "out", tolerance=needed, **settings)
     assert made.choice.total <= needed
     with pytest.raises(ValueError, match="no law meets"):
-        cal.export(STEEL, code, tmp_path / "out", tolerance=0.9 * needed, **told)
+        cal.export(STEEL, code, tmp_path / "out", tolerance=0.9 * needed, **settings)
 
 
 def test_export_json_has_all_numbers(exported):
@@ -203,11 +203,11 @@ def test_export_json_has_all_numbers(exported):
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     assert (report["to"], report["law"]) == ("c", "walton-braun")
     assert report["largest_error"] == report["error_of_law"] + report["error_of_time_step"] <= 0.02
-    given, wanted = (np.array(report["curve"][name]) for name in ("exported", "requested"))
-    assert np.max(np.abs(given - wanted)) == pytest.approx(report["error_of_law"])
+    given, expected = (np.array(report["curve"][name]) for name in ("exported", "requested"))
+    assert np.max(np.abs(given - expected)) == pytest.approx(report["error_of_law"])
     velocity = np.array(report["curve"]["velocity"])
     np.testing.assert_allclose(velocity, np.geomspace(*RANGE, 65))
-    np.testing.assert_allclose(wanted, curve(STEEL, velocity))
+    np.testing.assert_allclose(expected, curve(STEEL, velocity))
     law = report["parameters"]
     k1, k20, growth = (law[n] for n in ("loading_stiffness", "unloading_stiffness", "growth"))
     np.testing.assert_allclose(
@@ -247,12 +247,12 @@ def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_pa
         f"± error of the time step, {1e6 * export.time_step:.3g} µs",
         "tolerance",
     ]
-    wanted, given = (line.get_ydata() for line in curves.lines)
+    expected, given = (line.get_ydata() for line in curves.lines)
     velocity = curves.lines[0].get_xdata()
     np.testing.assert_allclose(velocity, np.geomspace(*RANGE, 65))
-    np.testing.assert_allclose(wanted, curve(STEEL, velocity))
+    np.testing.assert_allclose(expected, curve(STEEL, velocity))
     np.testing.assert_allclose(given, curve(export.law, velocity), rtol=1e-9)
-    np.testing.assert_allclose(errors.lines[0].get_ydata(), given - wanted)
+    np.testing.assert_allclose(errors.lines[0].get_ydata(), given - expected)
     assert {float(line.get_ydata()[0]) for line in errors.lines[1:]} == {-0.02, 0.02}
     (band,) = errors.collections
     x, y = band.get_paths()[0].vertices.T
@@ -266,9 +266,9 @@ def test_deep_overlaps_are_warned_of(exported):
     for share, count in ((0.0999, 0), (0.1001, 1)):
         made, _ = exported(sj.Hertz(PAIR), radius=peak / share, tolerance=0.5)
         assert made.overlap == pytest.approx(share, rel=1e-6)
-        told = "Overlaps reach 10 % of the radius: contact laws are for small ones."
-        assert made.warnings.count(told) == count
+        warning = "Overlaps reach 10 % of the radius: contact laws are for small ones."
+        assert made.warnings.count(warning) == count
     steel, _ = exported(tolerance=3e-4)
-    slow, held = steel.warnings
+    slow, with_hold = steel.warnings
     assert slow.startswith("Slower impacts lose nearly nothing (ε is 0.98")
-    assert held.startswith("With --below hold ε is held at 0.9")
+    assert with_hold.startswith("With --below hold ε is held at 0.9")

@@ -85,8 +85,8 @@ def test_a_fit_is_exported_material_by_material(at, fit_file):
     expected = ["Measured: 1.5 to 20 m/s. Outside, ε is that of the law."]
     expected += [f"Warnings of the fit: {', '.join(codes)}; see its report."] * bool(codes)
     assert set(expected) <= set(report()["warnings"])
-    for told in (text("softjax_law.h"), out):
-        assert all(one.replace("ε", "eps") in told.replace("ε", "eps") for one in expected)
+    for shown in (text("softjax_law.h"), out):
+        assert all(one.replace("ε", "eps") in shown.replace("ε", "eps") for one in expected)
 
 
 def test_a_file_of_materials_with_given_parameters(at):
@@ -142,12 +142,12 @@ def acting(code: str, source: bytes, folder: Path):
 def test_no_name_of_a_material_acts_in_a_code(code, at):
     """One name with everything in it is quick; each by itself is long."""
     file, law = CODES[code]
-    told = [*NYLON, "--range", "2:2.1", "--quiet", "--to", code, "--export-law", law]
-    told += ["--steps", "30", "--tolerance", "0.2"]
+    options = [*NYLON, "--range", "2:2.1", "--quiet", "--to", code, "--export-law", law]
+    options += ["--steps", "30", "--tolerance", "0.2"]
     found = []
     for name in ("alloy", " ".join(NAMES)):
         Path("a.toml").write_text(BODIES.replace("alloy", name), encoding="utf-8")
-        export("a.toml", *told)
+        export("a.toml", *options)
         found.append(acting(code, Path("results", file).read_bytes(), at))
     assert found[0] == found[1]
 
@@ -192,10 +192,10 @@ def test_the_contact_force_alone_gives_the_plastic_restitution(at):
     export(*common, "--contact-force", "--out", "force")
     velocity = np.array([0.2, 1.0, 4.0])
     hit = sj.restitution(fitted("stainless steel"), velocity)
-    for folder, wanted in (("results", hit.coefficient), ("force", hit.plastic_coefficient)):
+    for folder, expected in (("results", hit.coefficient), ("force", hit.plastic_coefficient)):
         made = report(folder)
         found = compiled(text("softjax_law.h", folder)).rebounds(velocity, made["time_step"])
-        np.testing.assert_allclose(found, wanted, atol=2 * made["error_of_time_step"] + 1e-6)
+        np.testing.assert_allclose(found, expected, atol=2 * made["error_of_time_step"] + 1e-6)
         assert made["steps_in_shortest_contact"] == 400
     assert report()["largest_overlap_over_radius"] == pytest.approx(0.03)
     assert report()["softer"]["overlaps"] > 3

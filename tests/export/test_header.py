@@ -213,12 +213,12 @@ def test_below_the_range_the_restitution_of_its_end_is_held(name, exported):
     made, folder = exported(law, "c", law="exact", tolerance=0.01, below="hold")
     one = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
     hit = sj.restitution(law, np.append(WIDE[4:], [0.1, 0.2, 3.0, 1.0]))  # by the program of `WIDE`
-    held, *fast = np.asarray(hit.coefficient)[-4:-1]
-    off = one.largest_error(velocity, held, made.time_step, np.arange(8) / 8)
+    slow, *fast = np.asarray(hit.coefficient)[-4:-1]
+    off = one.largest_error(velocity, slow, made.time_step, np.arange(8) / 8)
     assert off < 1.02 * made.choice.hold_error < 0.03
-    assert one.largest_error(velocity, held, made.time_step / 100) < 6e-3
+    assert one.largest_error(velocity, slow, made.time_step / 100) < 6e-3
     assert one.largest_error(np.array([0.2, 3.0]), fast, made.time_step / 10) < 2e-4
-    assert f"ε is held at {float(held):.4g} by a dashpot" in " ".join(made.warnings)
+    assert f"ε is held at {float(slow):.4g} by a dashpot" in " ".join(made.warnings)
     peak = float(hit.peak_overlap[-1])
     again = [one.forces([peak, 0.9 * peak], rate)[0][1] for rate in (-0.1, 0.0, 0.1)]
     assert again[0] == again[1] < again[2]

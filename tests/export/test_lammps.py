@@ -295,8 +295,8 @@ def test_a_box_is_filled(how, plugin):
         *fills,
         "write_dump all custom filled.dump x y z radius modify format float %20.15g",
     ]
-    code, said = output_of(lines, plugin[0])
-    assert code == 0, said[-2000:]
+    code, out = output_of(lines, plugin[0])
+    assert code == 0, out[-2000:]
     *place, radius = np.loadtxt(plugin[0] / "filled.dump", skiprows=9).T
     assert len(radius) == count
     assert np.all(place[2] > 0.9 * radius)
@@ -305,8 +305,8 @@ def test_a_box_is_filled(how, plugin):
     apart[:2] -= 0.3 * np.round(apart[:2] / 0.3)
     least = 0.9 * np.add.outer(radius, radius)[np.triu_indices(count, 1)]
     assert np.all(np.linalg.norm(apart, axis=0)[np.triu_indices(count, 1)] > least)
-    assert "impacts were outside the velocities of their softjax law" in said
-    assert "times the one that a softjax law was tested with" in said
+    assert "impacts were outside the velocities of their softjax law" in out
+    assert "times the one that a softjax law was tested with" in out
 
 
 def output_of(lines, folder) -> tuple[int, str]:
@@ -339,9 +339,9 @@ def test_what_the_plugin_cannot_do_is_refused(line, other, said, plugin):
 def test_it_will_not_load_into_another_version(tmp_path):
     cal.export(STEEL, "lammps", tmp_path, velocity_range=RANGE, law="exact", steps=100)
     build(tmp_path, LAMMPS_VERSION="20220101")
-    code, said = output_of(impact(1.0, LOAD, 1), tmp_path)
+    code, out = output_of(impact(1.0, LOAD, 1), tmp_path)
     assert code != 0
-    assert "softjax plugin was built for LAMMPS 20220101" in said
+    assert "softjax plugin was built for LAMMPS 20220101" in out
 
 
 @long

@@ -168,9 +168,9 @@ def test_what_is_written_keeps_its_promise(code, law, wall, tmp_path):
     impacts = [(v, phase * v * made.time_step) for v, phase in cases]
     steps = 2 * math.ceil(max(made.duration) / made.time_step) + 10
     found = RUN[code](tmp_path, impacts, wall, steps).reshape(-1, len(PHASES))
-    given, wanted = made.choice.impacts.coefficient[some], made.target.restitution[some]
+    given, expected = made.choice.impacts.coefficient[some], made.target.restitution[some]
     assert np.max(np.abs(found - given[:, None])) <= made.choice.steps.error + 1e-4
-    assert np.max(np.abs(found - wanted[:, None])) <= made.choice.total + 1e-4 <= 0.0801
+    assert np.max(np.abs(found - expected[:, None])) <= made.choice.total + 1e-4 <= 0.0801
 
 
 AFTER = """

@@ -50,8 +50,8 @@ def test_a_dashpot_gives_the_stated_restitution(code, law, options, exported):
     for velocity in VELOCITIES:
         found = codes.rebound(force, velocity)
         assert found == pytest.approx(at(report, velocity), abs=1e-6)
-        wanted = float(sj.restitution(STEEL, velocity).coefficient)
-        assert abs(found - wanted) < (0.0225 if law == "viscoelastic" else 0.068)
+        expected = float(sj.restitution(STEEL, velocity).coefficient)
+        assert abs(found - expected) < (0.0225 if law == "viscoelastic" else 0.068)
     # damping for one mass alone is said to be so: by the code's model with the double mass
     one, other = (codes.rebound(READERS[code](text, m), 1.0, m) for m in (MASS, 2 * MASS))
     assert (abs(one - other) > 1e-3) == ((code, law) in OF_MASS)
@@ -71,16 +71,16 @@ def test_a_dashpot_gives_the_stated_restitution(code, law, options, exported):
 @pytest.mark.parametrize("source", ["steel", "from its own"])
 def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported):
     """k2 grows from k1; a Walton–Braun law that begins so is met exactly, with its own s."""
-    own = sj.WaltonBraun(PAIR, 1e7, 1e7, 300.0)
-    law, tolerance = (STEEL, 0.1) if source == "steel" else (own, 0.01)
+    spring = sj.WaltonBraun(PAIR, 1e7, 1e7, 300.0)
+    law, tolerance = (STEEL, 0.1) if source == "steel" else (spring, 0.01)
     _, folder = exported(law, code, law="walton-braun", tolerance=tolerance, steps=400)
     text, report = read(folder, code)
     k1, k2 = SPRINGS[code](text)
     for velocity in VELOCITIES:
         found = codes.spring_rebound(k1, k2, velocity)
         assert found == pytest.approx(at(report, velocity), abs=1e-6)
-        wanted = float(sj.restitution(law, velocity).coefficient)
-        assert abs(found - wanted) < (0.075 if source == "steel" else 1e-6)
+        expected = float(sj.restitution(law, velocity).coefficient)
+        assert abs(found - expected) < (0.075 if source == "steel" else 1e-6)
     peak = 5.0 * math.sqrt(MASS / k1)
     assert peak == pytest.approx(
         report["largest_overlap_over_radius"] * report["radius"]["value"], rel=1e-6
@@ -119,8 +119,8 @@ def test_the_line_of_a_wall_has_the_same_numbers_and_acts_where_a_wall_was_measu
     steel = sj.STAINLESS_STEEL
     contact = sj.Contact.with_wall(steel, wall=steel, radius=RADIUS)
     source = sj.Zhou(contact, STEEL.chi, STEEL.sigma, STEEL.psi)
-    told = {"law": law, "tolerance": 0.1, "steps": 400}
-    _, folder = exported(source, code, on_wall=True, **told)
+    options = {"law": law, "tolerance": 0.1, "steps": 400}
+    _, folder = exported(source, code, on_wall=True, **options)
     text, _ = read(folder, code)
     (wall,) = (line for line in codes.lines_of(text) if line.startswith("fix softjax_wall all "))
     assert "zplane 0.0" in wall
@@ -132,7 +132,7 @@ def test_the_line_of_a_wall_has_the_same_numbers_and_acts_where_a_wall_was_measu
         assert "it replaces that of a file included before" in text
         assert wall.endswith("wall/gran model hertz primitive type 1 zplane 0.0 limitForce on")
     assert "of a ball on a flat wall" in text
-    _, folder = exported(source, code, on_wall=False, **told)
+    _, folder = exported(source, code, on_wall=False, **options)
     text, _ = read(folder, code)
     assert not any("wall" in line for line in codes.lines_of(text))
     assert "# fix ID group wall/gran " in text

@@ -44,8 +44,8 @@ def test_the_likelihood_of_impacts_that_stick_is_of_the_law_s_own_restitution():
     measured, exact = sticking(0)
     assert np.sum(exact == 0) >= 8
     problem = cal.problem(measured)
-    told, density = jax.jit(lambda x: (problem.predict(x)[0], problem.log_likelihood(x)))(STICKS)
-    np.testing.assert_allclose(told, exact, rtol=0, atol=1e-12)
+    means, density = jax.jit(lambda x: (problem.predict(x)[0], problem.log_likelihood(x)))(STICKS)
+    np.testing.assert_allclose(means, exact, rtol=0, atol=1e-12)
     assert float(density) == pytest.approx(density_of_truth(measured, exact), rel=1e-10)
 
 
@@ -162,10 +162,10 @@ def by_brute_force(data, near=0.85):
 
 def test_no_start_is_better_than_the_fit_and_no_branch_is_better():
     data, result, values = fitted_across(5, profiles=False)
-    own = chi_squared(data, values)
+    at_fit = chi_squared(data, values)
     assert result.converged
-    assert own <= chi_squared(data, [*JUMPS.values()])
-    assert own == pytest.approx(by_brute_force(data), abs=0.05)
+    assert at_fit <= chi_squared(data, [*JUMPS.values()])
+    assert at_fit == pytest.approx(by_brute_force(data), abs=0.05)
 
 
 def test_an_interval_of_the_strength_ends_where_the_cost_does():
@@ -206,8 +206,8 @@ def wave(seed, scattered=False, **options):
     data = cal.RestitutionData(velocity, exact + noise, uncertainty=0.01)
     starts = {name: cal.Parameter(x) for name, x in (("a", 0.5), ("b", 0.1), ("w", 2.0))}
     result = cal.fit(data, Wave, starts, profiles=False, **options)
-    told = "several-minima" in {doubt.code for doubt in result.warnings}
-    return float(result.rms**2 * 40 - np.sum(noise**2)) / 1e-4, told
+    warned = "several-minima" in {doubt.code for doubt in result.warnings}
+    return float(result.rms**2 * 40 - np.sum(noise**2)) / 1e-4, warned
 
 
 def test_a_lowest_minimum_far_from_the_start_is_found_or_doubted():
@@ -233,9 +233,9 @@ def test_a_network_follows_the_curve_and_its_predictions_have_errors():
     """Zhou's law has an rms of 0.015; ε by hand from the fitted weights."""
     made = eqx.nn.MLP(1, 1, 6, 1, activation=jnp.tanh, key=jax.random.key(0))
     made = jax.tree.map(lambda leaf: leaf.astype(float) if eqx.is_array(leaf) else leaf, made)
-    said = {"network": cal.Parameter(made)}
+    parameters = {"network": cal.Parameter(made)}
     data = cal.paper_materials()[0]
-    result = cal.fit(data, Learned, said, profiles=False, starts=1, max_steps=60)
+    result = cal.fit(data, Learned, parameters, profiles=False, starts=1, max_steps=60)
     assert result.rms < 0.002
     first, second = result.law.network.layers
     hidden = np.outer(np.log(data.velocity), np.asarray(first.weight)[:, 0])

@@ -52,9 +52,9 @@ LAWS = {
 OWN = {"decay": (Decay, {"level": Free(0.8), "rate": Free(0.01)})}
 
 
-def measured(curve, truth, **told):
+def measured(curve, truth, **options):
     noise = NOISE * np.random.default_rng(0).standard_normal(len(VELOCITY))
-    return cal.RestitutionData(VELOCITY, curve(VELOCITY, *truth) + noise, PAIR, **told)
+    return cal.RestitutionData(VELOCITY, curve(VELOCITY, *truth) + noise, PAIR, **options)
 
 
 @pytest.mark.parametrize(
@@ -208,8 +208,8 @@ def test_a_parameter_may_have_a_unit_which_tables_and_files_keep(tmp_path):
 
     contact = pair("nylon")
     data = cal.RestitutionData([0.5, 1.0, 2.0, 4.0], [0.81, 0.79, 0.80, 0.80], contact)
-    said = {"stiffness": Free(1e6, free=False, unit="N/m"), "loss": Free(unit="J")}
-    result = cal.fit(data, spring, said, profiles=False)
+    parameters = {"stiffness": Free(1e6, free=False, unit="N/m"), "loss": Free(unit="J")}
+    result = cal.fit(data, spring, parameters, profiles=False)
     assert "loss [J]" in str(result)
     result.save(tmp_path / "fit.json")
     again = cal.FitResult.load(tmp_path / "fit.json", law=spring)
@@ -231,8 +231,8 @@ def test_outliers_lose_their_pull_under_student_s_t(size):
         return -np.sum(stats.t.logpdf((decay(v, *x) - data.restitution) / scale, 4))
 
     values = np.array([result.values[n] for n in ("level", "rate")])
-    told = {"method": "Nelder-Mead", "options": {"xatol": 1e-10}}
-    np.testing.assert_allclose(values, optimize.minimize(cost, values, **told).x, rtol=1e-6)
+    options = {"method": "Nelder-Mead", "options": {"xatol": 1e-10}}
+    np.testing.assert_allclose(values, optimize.minimize(cost, values, **options).x, rtol=1e-6)
     errors = np.sqrt(np.diag(result.covariance))
     covariance = np.linalg.inv(fit_oracle.hessian(cost, values, 0.02 * errors))
     np.testing.assert_allclose(result.covariance, covariance, rtol=1e-3)

@@ -54,11 +54,11 @@ def test_the_law_has_the_lines_factor_and_the_mean_restitution_at_yield(six):
     c1, c2 = line.c1.value, line.c2.value
     assert float(law.chi) == pytest.approx(c1 + c2 * float(contact.yield_ratio), rel=1e-14)
     up = np.array([result.values[f"eps_up[{name}]"] for name in NAMES])
-    told = sj.empirical_restitution(
+    stated = sj.empirical_restitution(
         contact.critical_velocity, contact.limit_velocity, law.sigma, law.psi
     )
     mean = np.mean(np.log(up / (1 - up)))
-    assert float(told) == pytest.approx(1 / (1 + np.exp(-mean)), rel=1e-9)
+    assert float(stated) == pytest.approx(1 / (1 + np.exp(-mean)), rel=1e-9)
     given = line.law(contact, sigma=0.7, psi=0.4)
     assert (float(given.sigma), float(given.psi)) == pytest.approx((0.7, 0.4), rel=1e-14)
 
@@ -101,8 +101,8 @@ def test_each_material_is_predicted_by_the_others(six):
     chi, up, result = six
     line = result.unloading_line
     left = line.left_out()
-    held = [left[name].low < chi[k] < left[name].high for k, name in enumerate(NAMES)]
-    assert all(held)
+    covered = [left[name].low < chi[k] < left[name].high for k, name in enumerate(NAMES)]
+    assert all(covered)
     widths = [np.log(one.high / one.low) for one in left.values()]
     assert max(widths) < 1.5  # and they tell something: within a factor of two
     others = np.arange(6) != 2
@@ -219,13 +219,13 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     out = tmp_path / "out"
     words = ["curve", str(file), "--line", str(tmp_path / "fit.json"), "--out", str(out)]
     assert cli.main(words) == 0
-    told, said = capsys.readouterr()
-    assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in told
-    assert "eps_up 0.9" in told
-    assert "too wide to be of use" not in told
+    printed, error = capsys.readouterr()
+    assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in printed
+    assert "eps_up 0.9" in printed
+    assert "too wide to be of use" not in printed
     measured = np.concatenate([fit.data.velocity for fit in result.materials])
     ends = f"{measured.min():.4g} to {measured.max():.4g} m/s"
-    assert f"the data of the fitted materials from {ends}" in said
+    assert f"the data of the fitted materials from {ends}" in error
     assert cli.main([*words, "--from", str(measured.min()), "--to", str(measured.max())]) == 0
     assert "data of the fitted materials" not in capsys.readouterr().err
     assert sorted(path.name for path in out.iterdir()) == ["curve.csv", "curve.png", "line.png"]

@@ -37,8 +37,8 @@ def data():
     times = time * (1 + 0.02 * random.standard_normal(20))
     every = np.full(20, np.nan)
     every[5:] = force[5:] * (1 + U * random.standard_normal(15))
-    told = {"contact_time": times, "peak_force": every, "peak_force_uncertainty": U * every}
-    return cal.RestitutionData(V, eps, PAIR, **told)
+    options = {"contact_time": times, "peak_force": every, "peak_force_uncertainty": U * every}
+    return cal.RestitutionData(V, eps, PAIR, **options)
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +81,8 @@ def test_times_and_forces_are_rows_of_the_likelihood(data, result):
     expected = np.linalg.inv(np.transpose(rows) @ rows)[0, 0] ** 0.5
     assert result.standard_errors["loading_stiffness"] == pytest.approx(expected, rel=0.03)
     alone = cal.RestitutionData(V, data.restitution, PAIR)
-    held = cal.fit(alone, "walton-braun", SPRINGS, **QUICK)
-    assert held.covariance_names == NAMES[1:]
+    fixed = cal.fit(alone, "walton-braun", SPRINGS, **QUICK)
+    assert fixed.covariance_names == NAMES[1:]
 
 
 def test_what_else_was_measured_has_a_table(data, result):
@@ -198,9 +198,9 @@ def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back():
     psi = result.values["psi"]
     near = {"chi": cal.Parameter(0.22), "sigma": cal.Parameter(0.24)}
     near |= {"psi": cal.Parameter(psi, prior=(psi, 1e-6))}
-    held = cal.fit(data, None, free | near, profiles=False, starts=1)
-    assert result.log_likelihood == pytest.approx(held.log_likelihood, abs=1e-5)
-    one, other = (fit.material().derived["eps_up"] for fit in (result, held))
+    fixed = cal.fit(data, None, free | near, profiles=False, starts=1)
+    assert result.log_likelihood == pytest.approx(fixed.log_likelihood, abs=1e-5)
+    one, other = (fit.material().derived["eps_up"] for fit in (result, fixed))
     assert 0.97 < one.value < 0.995
     assert one.standard_error == pytest.approx(other.standard_error, rel=1e-3)
     for end in ("value", "low", "high"):

@@ -17,10 +17,10 @@ Free = cal.Parameter
 V = np.linspace(1, 40, 24)
 
 
-def decays(count=24, seed=5, noise=0.005, truth=(0.9, 0.01), **told):
+def decays(count=24, seed=5, noise=0.005, truth=(0.9, 0.01), **options):
     velocity = np.linspace(1, 40, count)
     errors = noise * np.random.default_rng(seed).standard_normal(count)
-    return cal.RestitutionData(velocity, decay(velocity, *truth) + errors, **told)
+    return cal.RestitutionData(velocity, decay(velocity, *truth) + errors, **options)
 
 
 def weighted(*sets):
@@ -33,8 +33,8 @@ def weighted(*sets):
 def test_a_number_fixes_and_a_bound_is_kept():
     """The rate that SciPy finds with the level at its number, or at its bound; then one-sided."""
     data = decays(uncertainty=0.005)
-    for said in ({"level": 0.88}, {"level": Free(bounds=(0.5, 0.88))}):
-        result = cal.fit(data, Decay, said, starts=4)
+    for parameters in ({"level": 0.88}, {"level": Free(bounds=(0.5, 0.88))}):
+        result = cal.fit(data, Decay, parameters, starts=4)
         assert result.values["level"] == pytest.approx(0.88, rel=1e-6)
         rate, covariance, _ = fit_oracle.fit(
             lambda b: decay(V, 0.88, b), [0.01], data.restitution, data.uncertainty
@@ -42,7 +42,7 @@ def test_a_number_fixes_and_a_bound_is_kept():
         assert result.values["rate"] == pytest.approx(rate[0], rel=1e-5)
         error = result.standard_errors["rate"]
         assert error == pytest.approx(covariance[0, 0] ** 0.5, rel=1e-4)
-        free = isinstance(said["level"], cal.Parameter)
+        free = isinstance(parameters["level"], cal.Parameter)
         assert result.estimates["level"].at_bound == result.estimates["level"].free == free
         assert result.standard_errors["level"] is None
         assert ("at-bound" in {one.code for one in result.warnings}) == free
@@ -74,8 +74,8 @@ def test_limits_without_profiles_are_symmetric_on_the_scale_that_is_searched(sca
 def test_a_prior_is_one_more_measurement():
     """By SciPy's least squares with one more row; an unknown noise and the fit take turns."""
     data = decays(200)
-    said = {"level": Free(0.8), "rate": Free(0.02, prior=(0.0105, 0.0001))}
-    result, v = cal.fit(data, Decay, said, **QUICK), data.velocity
+    parameters = {"level": Free(0.8), "rate": Free(0.02, prior=(0.0105, 0.0001))}
+    result, v = cal.fit(data, Decay, parameters, **QUICK), data.velocity
     size = 0.005
     for _ in range(30):
 
@@ -94,7 +94,7 @@ def test_a_prior_is_one_more_measurement():
     # an unknown noise makes them larger by what Kenward and Roger allow for
     np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=2e-3)
     assert result.materials[0].noise == pytest.approx(size, rel=1e-5)
-    profiled = cal.fit(data, Decay, said, starts=4).intervals["rate"]
+    profiled = cal.fit(data, Decay, parameters, starts=4).intervals["rate"]
     reach = stats.t.ppf(0.975, 200 - paid) * np.sqrt(covariance[1, 1])
     assert profiled == pytest.approx((found.x[1] - reach, found.x[1] + reach), abs=0.02 * reach)
 
@@ -102,8 +102,8 @@ def test_a_prior_is_one_more_measurement():
 def test_what_is_shared_is_one_parameter():
     """Of two sets of three, in a group: SciPy's joint fit; the third is as alone."""
     a, b, c = (decays(12, seed, uncertainty=0.005, name=n) for seed, n in enumerate("abc"))
-    said = {f"rate[{name}]": Free(shared="both") for name in "ab"}
-    result = cal.fit([a, b, c], Decay, said, **QUICK)
+    parameters = {f"rate[{name}]": Free(shared="both") for name in "ab"}
+    result = cal.fit([a, b, c], Decay, parameters, **QUICK)
     assert result.values["rate[a]"] == result.values["rate[b]"] == result.values["rate[both]"]
     assert set(result.covariance_names) == {
         "level[a]",
@@ -150,12 +150,12 @@ def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
     options = QUICK | {"objective": "two-step", "unloading_line": None, "starts": 1}
     options |= {"route": sj.EnergyBalance()}
     psi = {"psi": Free(shared=True)}
-    said = cal.fit([steel, nylon], None, psi | {"limit_velocity[nylon]": 400.0}, **options)
+    by_parameter = cal.fit([steel, nylon], None, psi | {"limit_velocity[nylon]": 400.0}, **options)
     bodies = replace(nylon.contact, limit_velocity=400.0)
-    own = cal.RestitutionData(nylon.velocity, nylon.restitution, bodies, name="nylon")
-    alone = cal.fit([steel, own], None, psi, **options)
+    by_data = cal.RestitutionData(nylon.velocity, nylon.restitution, bodies, name="nylon")
+    alone = cal.fit([steel, by_data], None, psi, **options)
     for name in ("chi[stainless steel]", "chi[nylon]", "sigma[nylon]", "psi"):
-        assert said.values[name] == pytest.approx(alone.values[name], rel=1e-6), name
+        assert by_parameter.values[name] == pytest.approx(alone.values[name], rel=1e-6), name
 
 
 def test_a_yield_strength_that_is_free_is_found_and_crossings_are_said():
@@ -187,9 +187,9 @@ def test_the_same_measurements_stated_otherwise_are_the_same_fit(seed):
     one = cal.fit(data, Decay, **QUICK)
     left = one.leave_one_out()
 
-    def of(rows, u=u, **told):
-        told |= {"uncertainty": u[rows]}
-        return cal.RestitutionData(V[rows], data.restitution[rows], **told)
+    def of(rows, u=u, **options):
+        options |= {"uncertainty": u[rows]}
+        return cal.RestitutionData(V[rows], data.restitution[rows], **options)
 
     order = random.permutation(24)
     other = cal.fit(of(order), Decay, **QUICK)
@@ -238,12 +238,12 @@ def test_many_points_are_fitted_as_all_of_them():
 
 
 def test_progress_goes_from_start_to_end():
-    told = []
-    cal.fit(decays(), Decay, progress=lambda *args: told.append(args), starts=2)
+    calls = []
+    cal.fit(decays(), Decay, progress=lambda *args: calls.append(args), starts=2)
     for stage in ("fit", "profiles"):
-        own = [(done, total) for name, done, total in told if name == stage]
-        assert own[0][0] == 0
-        assert own[-1][0] == own[-1][1] > 0
+        of_stage = [(done, total) for name, done, total in calls if name == stage]
+        assert of_stage[0][0] == 0
+        assert of_stage[-1][0] == of_stage[-1][1] > 0
 
 
 def test_sets_with_sigma_and_sets_with_eps_up_are_one_fit_whose_file_is_read(tmp_path):
@@ -265,9 +265,9 @@ def test_sets_with_sigma_and_sets_with_eps_up_are_one_fit_whose_file_is_read(tmp
 def test_sets_on_a_line_share_with_one_that_has_its_own_chi():
     names = ("stainless steel", "chrome steel", "nylon")
     sets = [twin(name) for name in names]
-    line, own = {"c1": Free(), "c2": Free()}, {"chi": Free()}
-    said = [{**one, "psi": Free(shared="all")} for one in (line, line, own)]
-    result = cal.fit(sets, parameters=said, **QUICK)
+    line, single = {"c1": Free(), "c2": Free()}, {"chi": Free()}
+    parameters = [{**one, "psi": Free(shared="all")} for one in (line, line, single)]
+    result = cal.fit(sets, parameters=parameters, **QUICK)
     for name in names[:2]:
         ratio = float(result.material(name).contact.yield_ratio)
         on_line = result.values["c1"] + result.values["c2"] * ratio

@@ -104,8 +104,8 @@ def test_a_specimen_with_few_points_borrows_from_the_others():
         v = np.linspace(0.5, 4.0, count)
         errors = 0.01 * random.standard_normal(count)
         sets.append(cal.RestitutionData(v, 0.95 * np.exp(-rate * v) + errors, name=name))
-    said = {"rate": cal.Parameter(shared="pooled")}
-    pooled = cal.fit(sets, Decay, said, profiles=False, starts=1)
+    parameters = {"rate": cal.Parameter(shared="pooled")}
+    pooled = cal.fit(sets, Decay, parameters, profiles=False, starts=1)
     alone = cal.fit(sets, Decay, profiles=False, starts=1)
     assert pooled.converged
     center = np.log(pooled.values["rate"])

@@ -104,8 +104,8 @@ def test_a_parameter_that_moves_nothing_but_rounding_stays_where_it_is():
     restitution = 0.6 + 0.01 * random.standard_normal(12)
     data = cal.RestitutionData(np.geomspace(0.5, 5, 12), restitution, pair("stainless steel"))
     for bounds in (None, (0.0, np.inf)):
-        said = {"scale": cal.Parameter(1.0, bounds=bounds)}
-        result = cal.fit(data, Scaled, said, profiles=False, starts=4)
+        parameters = {"scale": cal.Parameter(1.0, bounds=bounds)}
+        result = cal.fit(data, Scaled, parameters, profiles=False, starts=4)
         assert result.converged
         assert result.standard_errors["scale"] is None
         assert 1e-4 < abs(result.values["scale"]) < 1e4
@@ -141,8 +141,8 @@ def test_a_bound_is_left_where_the_cost_falls_inwards(seed):
     e = 0.5 + powers @ random.uniform(-0.1, 0.35, 4) + 0.01 * random.standard_normal(24)
     data = cal.RestitutionData(v, np.maximum(e, 0.0), uncertainty=0.02)
     starts = zip("abcd", random.uniform(0.01, 0.29, 4), strict=True)
-    said = {n: cal.Parameter(x, bounds=(0.0, 0.3), transform="none") for n, x in starts}
-    result = cal.fit(data, Cubic, said, profiles=False, starts=1)
+    parameters = {n: cal.Parameter(x, bounds=(0.0, 0.3), transform="none") for n, x in starts}
+    result = cal.fit(data, Cubic, parameters, profiles=False, starts=1)
     expected = optimize.lsq_linear(powers, data.restitution - 0.5, (0, 0.3), tol=1e-14).x
     assert result.converged
     np.testing.assert_allclose([result.values[n] for n in "abcd"], expected, atol=1e-6)
@@ -167,9 +167,9 @@ def test_of_two_losses_that_went_to_nothing_the_one_that_is_there_comes_back():
     """While c was too large neither was needed; b is not, and stays at its end."""
     v = np.linspace(0.25, 5, 20)
     e = losses(v, 1.0, -0.1, 1.0) + 0.001 * np.random.default_rng(0).standard_normal(20)
-    said = {"a": cal.Parameter(0.1), "b": cal.Parameter(1.0), "c": cal.Parameter(np.exp(8))}
+    parameters = {"a": cal.Parameter(0.1), "b": cal.Parameter(1.0), "c": cal.Parameter(np.exp(8))}
     data = cal.RestitutionData(v, e, uncertainty=0.002)
-    result = cal.fit(data, Losses, said, profiles=False, starts=1)
+    result = cal.fit(data, Losses, parameters, profiles=False, starts=1)
     off = lambda x: losses(v, *x) - e  # noqa: E731
     best = optimize.least_squares(off, [1, 0.1, 1], bounds=(0, np.inf), xtol=1e-15, ftol=1e-15)
     assert result.converged
@@ -186,10 +186,10 @@ def test_each_data_set_s_steps_are_limited_by_themselves():
         cal.RestitutionData(v, curve + off, name=name, uncertainty=0.01)
         for (name, curve), off in zip(curves.items(), noise, strict=True)
     ]
-    said = {"level": cal.Parameter(0.8, shared=True), "rate[down]": cal.Parameter(1.0)}
-    said["rate[up]"] = cal.Parameter(0.01)
+    parameters = {"level": cal.Parameter(0.8, shared=True), "rate[down]": cal.Parameter(1.0)}
+    parameters["rate[up]"] = cal.Parameter(0.01)
     few, result = (
-        cal.fit(sets, Decay, said, profiles=False, starts=1, max_steps=n) for n in (8, 200)
+        cal.fit(sets, Decay, parameters, profiles=False, starts=1, max_steps=n) for n in (8, 200)
     )
     assert result.converged
     assert not few.converged

@@ -45,17 +45,17 @@ def test_values_are_those_of_table_1_and_of_independent_least_squares(result, na
 def test_the_line_of_eq_18_and_its_larger_residuals(result):
     """Through all curves, not through the χ̃; and as parameters of one's own, c1 and c2."""
     line = result.unloading_line
-    own = cal.fit(cal.paper_materials(), None, {"c1": Free(), "c2": Free()}, **QUICK)
-    for c1, c2 in ((line.c1.value, line.c2.value), (own.values["c1"], own.values["c2"])):
+    alone = cal.fit(cal.paper_materials(), None, {"c1": Free(), "c2": Free()}, **QUICK)
+    for c1, c2 in ((line.c1.value, line.c2.value), (alone.values["c1"], alone.values["c2"])):
         assert c1 == pytest.approx(0.03184, abs=6e-6)
         assert c2 == pytest.approx(0.004554, abs=6e-7)
     for name, rms in LINE_RMS.items():
         assert line.rms[name] == pytest.approx(rms, abs=6e-5)
         on_line = line.c1.value + line.c2.value * float(pair(name).yield_ratio)
         assert line.chi[name].value == pytest.approx(on_line, rel=1e-12)
-        found = own.values["c1"] + own.values["c2"] * float(pair(name).yield_ratio)
-        assert own.values[f"chi[{name}]"] == pytest.approx(found, rel=1e-9)
-        assert float(np.asarray(own.law[name].chi)) == pytest.approx(found, rel=1e-9)
+        found = alone.values["c1"] + alone.values["c2"] * float(pair(name).yield_ratio)
+        assert alone.values[f"chi[{name}]"] == pytest.approx(found, rel=1e-9)
+        assert float(np.asarray(alone.law[name].chi)) == pytest.approx(found, rel=1e-9)
     assert line.through_chi["c2"].value != pytest.approx(line.c2.value, rel=1e-2)
 
 
@@ -82,11 +82,11 @@ def test_the_file_has_the_layout_of_the_interface_and_loads_back_equal(result, t
     line = table["unloading_line"]
     for one in (*first["parameters"].values(), line["c1"], line["c2"]):  # of data without noise
         assert [one["standard_error"], one["low"], one["high"]] == [None] * 3
-    wanted = {
+    keys = {
         "objective": "two-step", "route": "ode", "area": "zhou", "form": "first-order",
         "kappa": "consistent", "x64": True,
     }  # fmt: skip
-    assert wanted.items() <= table["settings"].items()
+    assert keys.items() <= table["settings"].items()
     assert {"softjax-contact", "jax", "diffrax"} <= set(table["versions"])
     result.save(tmp_path / "fit.json")
     again = cal.FitResult.load(tmp_path / "fit.json")
@@ -116,8 +116,8 @@ def test_each_step_recovers_its_parameters_from_far_off():
     assert first.values["sigma"] == pytest.approx(sigma, rel=1e-6)
     assert first.values["psi"] == pytest.approx(psi, rel=1e-6)
     for factor in (10.0, 0.1):
-        said = {"chi": Free(factor * chi), "sigma": sigma, "psi": psi}
-        found = cal.fit(twin("nylon"), None, said, **QUICK | {"starts": 4})
+        parameters = {"chi": Free(factor * chi), "sigma": sigma, "psi": psi}
+        found = cal.fit(twin("nylon"), None, parameters, **QUICK | {"starts": 4})
         assert found.converged
         assert found.values["chi"] == pytest.approx(chi, rel=1e-6)
         assert found.values["sigma"] == sigma
@@ -162,8 +162,8 @@ def test_the_error_of_chi_is_what_noise_in_each_point_does(kind):
     influence = np.linalg.solve(np.stack(slope) @ solved, solved.T)
 
     def chi_with(i, step):
-        moved, own = data.restitution + step * np.eye(12)[i], losses + step * influence[:, i]
-        return fit_oracle.fit(lambda c: model(c, *own), [chi], moved)[0][0]
+        moved, expected = data.restitution + step * np.eye(12)[i], losses + step * influence[:, i]
+        return fit_oracle.fit(lambda c: model(c, *expected), [chi], moved)[0][0]
 
     step = 5e-4
     slopes = [(chi_with(i, step) - chi_with(i, -step)) / (2 * step) for i in range(12)]
@@ -252,10 +252,10 @@ def test_the_errors_of_a_line_through_two_curves_are_those_of_their_chi():
 
 def test_the_line_is_of_each_set_s_own_parameters():
     """Sets that share a parameter are one fit; the line through all does not depend on their order."""
-    said = {f"psi[{name}]": Free(shared="both") for name in ("stainless steel", "nylon")}
-    said |= {"psi[chrome steel]": 0.3114}
+    parameters = {f"psi[{name}]": Free(shared="both") for name in ("stainless steel", "nylon")}
+    parameters |= {"psi[chrome steel]": 0.3114}
     first, second = (
-        cal.fit(three(names), parameters=said, **QUICK).unloading_line
+        cal.fit(three(names), parameters=parameters, **QUICK).unloading_line
         for names in (NAMES, ("stainless steel", "nylon", "chrome steel"))
     )
     assert first.c1.value == pytest.approx(second.c1.value, rel=1e-6)
@@ -264,5 +264,5 @@ def test_the_line_is_of_each_set_s_own_parameters():
     def squared(contact, chi):
         return sj.Zhou(contact, chi=chi**2, sigma=0.4, psi=0.5)
 
-    own = cal.fit(three()[::2], squared, **QUICK | {"objective": "model"})
-    assert own.unloading_line is None  # its `chi` is what its function makes of it
+    alone = cal.fit(three()[::2], squared, **QUICK | {"objective": "model"})
+    assert alone.unloading_line is None  # its `chi` is what its function makes of it

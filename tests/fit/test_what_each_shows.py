@@ -27,8 +27,8 @@ def test_contact_times_alone_tell_what_restitutions_do_not(law, name, truth, pow
     data = cal.RestitutionData(
         V, contact=PAIR, contact_time=times, contact_time_uncertainty=0.02 * times
     )
-    said = {name: cal.Parameter(), **({"restitution": 0.8} if name == "stiffness" else {})}
-    result = cal.fit(data, type(law()), said, **QUICK)
+    parameters = {name: cal.Parameter(), **({"restitution": 0.8} if name == "stiffness" else {})}
+    result = cal.fit(data, type(law()), parameters, **QUICK)
     expected = power * 0.02 / len(V) ** 0.5 * truth
     assert result.standard_errors[name] == pytest.approx(expected, rel=0.05)
     assert abs(result.values[name] - truth) < 4 * expected
@@ -64,12 +64,12 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     hit = sj.restitution(sj.ViscoelasticHertz(contact, 2e-6), v)
     times = np.asarray(hit.duration) * (1 + 0.02 * random.standard_normal(24))
     eps = np.asarray(hit.coefficient) + 0.003 * random.standard_normal(24)
-    told = {"contact_time": times, "contact_time_uncertainty": 0.02 * times}
+    options = {"contact_time": times, "contact_time_uncertainty": 0.02 * times}
     for factor, off in ((1.0, False), (1.1, True)):
         stated = sj.Contact(
             **{**contact.leaves(), "youngs_modulus": factor * contact.youngs_modulus}
         )
-        data = cal.RestitutionData(v, eps, stated, 0.003, **told)
+        data = cal.RestitutionData(v, eps, stated, 0.003, **options)
         result = cal.fit(data, "viscoelastic", profiles=False, starts=4)
         (found,) = [w.cause for w in result.warnings if w.code == "modulus"] or [""]
         assert bool(found) == off
@@ -110,8 +110,8 @@ def test_information_says_whether_a_sensor_is_worth_buying():
     assert "stiffness: to 0.82 %; without: not determined" in str(found)
     # t ∝ E^-2/5 and F ∝ E^2/5 of an elastic contact, whose ε is 1 whatever E is
     sensors, modulus = {"contact_time": 0.02, "peak_force": 0.05}, "contact.youngs_modulus"
-    said = {modulus: cal.Parameter()}
-    hertz = cal.fisher_information(sj.Hertz(PAIR), V, sensors=sensors, parameters=said)
+    parameters = {modulus: cal.Parameter()}
+    hertz = cal.fisher_information(sj.Hertz(PAIR), V, sensors=sensors, parameters=parameters)
     expected = (len(V) * ((0.4 / 0.02) ** 2 + (0.4 / 0.05) ** 2)) ** -0.5
     assert hertz.relative_errors[modulus] == pytest.approx(expected, rel=1e-3)
     assert hertz.without[modulus] is None

@@ -104,8 +104,8 @@ def record_fit(numbers: Numbers, result: cal.FitResult, name="", *, weighted=Fal
             numbers.text("error", f"{name}{label} has no error", "none")
             continue
         low, high = result.intervals[label]
-        own = 0.1 * error if weighted else error
-        estimate(f"{name}{label}", result.values[label], own)
+        alone = 0.1 * error if weighted else error
+        estimate(f"{name}{label}", result.values[label], alone)
         numbers.error(f"{name}{label} error, interval", [error, low, high], error)
     data = result.data if isinstance(result.data, dict) else {"": result.data}
     rms = result.rms if isinstance(result.rms, dict) else {"": result.rms}

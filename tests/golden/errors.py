@@ -19,13 +19,13 @@ def two_materials(uncertainty=0.003):
 
 @scenario()
 def priors_and_bounds(numbers, folder):
-    said = {
+    stated = {
         "prior": {"chi": cal.Parameter(prior=(1.0, 0.05))},
         "bound": {"chi": cal.Parameter(1.0, bounds=(0.2, 1.1))},
         "fixed": {"psi": 0.5},
         "modulus": {"contact.youngs_modulus": cal.Parameter(prior=(4.0e10, 1e9)), "psi": 0.5},
     }
-    for name, parameters in said.items():
+    for name, parameters in stated.items():
         record_fit(numbers, cal.fit(rebounds(), parameters=parameters, **QUICK), f"{name}: ")
 
 
@@ -98,8 +98,8 @@ def bounce_trains(numbers, folder):
     ball = sj.Material(*simulated.ALLOY)
     wall = sj.Contact.with_wall(ball, sj.Material(*simulated.PLATE), simulated.RADIUS, area="hertz")
     table = {"time [s]": times, "launch": launch}
-    for name, told in (("unknown", {}), ("stated", {"time_uncertainty": 1e-4})):
-        data = cal.RestitutionData.from_table(table, wall, air=False, **told)
+    for name, options in (("unknown", {}), ("stated", {"time_uncertainty": 1e-4})):
+        data = cal.RestitutionData.from_table(table, wall, air=False, **options)
         numbers.physics(f"{name}: velocity", data.velocity)
         numbers.physics(f"{name}: restitution", data.restitution)
         result = cal.fit(data, "viscoelastic", **QUICK)
@@ -116,8 +116,8 @@ def flights_in_air(numbers, folder):
     }
     for name, table in tables.items():
         for air in (1.2, 1.0):
-            told = {"diameter": 6e-3, "density": 1140.0}
-            data = cal.RestitutionData.from_table(table, air=air, **told)
+            options = {"diameter": 6e-3, "density": 1140.0}
+            data = cal.RestitutionData.from_table(table, air=air, **options)
             numbers.physics(f"{name}, {air} kg/m³: velocity", data.velocity)
             numbers.physics(f"{name}, {air} kg/m³: restitution", data.restitution)
             numbers.physics(f"{name}, {air} kg/m³: by drag", data.errors.by_drag)

@@ -86,8 +86,8 @@ def own_laws(numbers, folder):
 def learned_law(numbers, folder):
     """A small network: its curve and band are determined, its weights are not."""
     data = rebounds()
-    said = {"network": cal.Parameter(network())}
-    result = cal.fit(data, Learned, said, profiles=False, starts=1, max_steps=500)
+    parameters = {"network": cal.Parameter(network())}
+    result = cal.fit(data, Learned, parameters, profiles=False, starts=1, max_steps=500)
     numbers.estimate("rms", result.rms, 0.1 * result.rms)
     record_band(numbers, result.band([0.02, 0.3, 4.0]), "band")
 

@@ -33,10 +33,11 @@ def information(numbers, folder):
     found = cal.fisher_information(law, SHOTS, uncertainty=0.003)
     numbers.error("law: matrix", found.matrix, 1e-4 * np.abs(found.matrix))
     modulus = float(contact().youngs_modulus)
-    said = {"psi": 0.5, "contact.youngs_modulus": cal.Parameter(prior=(modulus, 0.03 * modulus))}
+    prior = cal.Parameter(prior=(modulus, 0.03 * modulus))
+    parameters = {"psi": 0.5, "contact.youngs_modulus": prior}
     plans = {
         "law": found,
-        "prior": cal.fisher_information(law, SHOTS, uncertainty=0.003, parameters=said),
+        "prior": cal.fisher_information(law, SHOTS, uncertainty=0.003, parameters=parameters),
         "fit": cal.fisher_information(plain_fit(), [0.05, 3.0]),
     }
     for name, plan in plans.items():

@@ -31,9 +31,9 @@ over_routes = pytest.mark.parametrize(
 def in_float32(name: str, form: str) -> sj.Zhou:
     """The fitted law from properties that are float32 from the start."""
     given = jax.tree.leaves(cases.MATERIALS[name])
-    own = sj.Material(*(np.asarray(value, np.float32) for value in given))
+    material = sj.Material(*(np.asarray(value, np.float32) for value in given))
     radius = np.asarray(cases.RADIUS, np.float32)
-    pair = sj.Contact.between_spheres(own, own, radius, radius)
+    pair = sj.Contact.between_spheres(material, material, radius, radius)
     fitted = {key: np.asarray(x, np.float32) for key, x in cases.FITTED[name].items()}
     return sj.Zhou(pair, **fitted, form=form)
 

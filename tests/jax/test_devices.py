@@ -44,8 +44,8 @@ def run(*words):
 )
 def test_with_four_devices(mark, count):
     words = ["-n", "0", "-p", "no:cacheprovider", "-m", mark, "-k", "test_devices_"]
-    told = run("-m", "pytest", __file__, *words)
-    assert f"{count} passed" in told, told
+    out = run("-m", "pytest", __file__, *words)
+    assert f"{count} passed" in out, out
 
 
 if SPREAD:

@@ -93,8 +93,8 @@ def test_shape_and_precision_are_those_of_the_caller():
         with jax.enable_x64(True):
             full = sj.restitution(law, velocity).coefficient
     again = sj.restitution(law, velocity).coefficient
-    own = sj.restitution(jax.tree.map(np.float32, law), np.float32(velocity)).coefficient
-    for found, dtype in ((short, np.float32), (full, float), (again, float), (own, np.float32)):
+    low = sj.restitution(jax.tree.map(np.float32, law), np.float32(velocity)).coefficient
+    for found, dtype in ((short, np.float32), (full, float), (again, float), (low, np.float32)):
         assert found.dtype == dtype
         assert found.shape == velocity.shape
         assert np.allclose(found, exact(law, velocity), rtol=4 * np.finfo(dtype).eps, atol=0)

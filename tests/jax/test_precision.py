@@ -96,14 +96,14 @@ def test_short_floats_are_computed_in_float32(kind):
     speeds = np.array([0.5, 2.0])
     single = jax.tree.map(lambda leaf: np.float32(leaf), PAIR)
     law = sj.Zhou(single, np.float32(1.75), np.float32(3.0), np.float32(0.5))
-    wanted = sj.restitution(law, np.float32([0.5, 2.0]))
+    expected = sj.restitution(law, np.float32([0.5, 2.0]))
     for given in (speeds.astype(kind), jnp.asarray(speeds.astype(kind))):
         found = sj.restitution(law, given)
         assert found.coefficient.dtype == np.float32
-        assert np.array_equal(found.coefficient, wanted.coefficient)
+        assert np.array_equal(found.coefficient, expected.coefficient)
     of_short = sj.Zhou(single, kind(1.75), np.array(3.0, kind), jnp.asarray(0.5, kind))
     found = sj.restitution(of_short, np.float32([0.5, 2.0]))
-    assert np.allclose(found.coefficient, wanted.coefficient, rtol=1e-6)
+    assert np.allclose(found.coefficient, expected.coefficient, rtol=1e-6)
     with pytest.raises(ValueError, match=r"^`velocity` must be a finite impact velocity"):
         sj.restitution(law, np.array([np.nan, 1.0], ml_dtypes.bfloat16))
 

@@ -59,9 +59,9 @@ def test_each_process_has_its_half_and_the_slope_of_both():
     )
     slope = (np.sum(high) - np.sum(low)) / (2 * step)
     for k, (_, out, _) in enumerate(ended):
-        said = re.search(r"(\d) \((\d+),\) (\S+) (\S+)$", out.strip())
-        assert said, out
-        index, count, first, found = said.groups()
+        match = re.search(r"(\d) \((\d+),\) (\S+) (\S+)$", out.strip())
+        assert match, out
+        index, count, first, found = match.groups()
         assert (int(index), int(count)) == (k, 50_000)
         assert float(first) == pytest.approx(alone[50_000 * k], rel=1e-12)
         assert float(found) == pytest.approx(slope, rel=1e-6)

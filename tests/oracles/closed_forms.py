@@ -286,9 +286,9 @@ def main() -> None:
         name: {"low": low, "high": high, "coefficients": coefficients(name)}
         for name, (_, low, high) in WANTED.items()
     }
-    told = {"taylor": {part: taylor(part) for part in TAYLOR}, "series": series}
+    stored = {"taylor": {part: taylor(part) for part in TAYLOR}, "series": series}
     # many numbers a line
-    lines = re.sub(r",\s+(?=[-\d])", ", ", json.dumps(told, indent=1)).splitlines()
+    lines = re.sub(r",\s+(?=[-\d])", ", ", json.dumps(stored, indent=1)).splitlines()
     text = "\n".join(textwrap.fill(line, 100, break_on_hyphens=False) for line in lines)
     TARGET.write_text(text + "\n", encoding="utf-8")
 

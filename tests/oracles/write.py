@@ -188,9 +188,9 @@ def lines(records: list) -> str:
 def replace(path: Path, sections: dict[str, str] | str) -> None:
     if isinstance(sections, dict):
         sections = "{\n" + ",\n".join(f'"{k}": {v}' for k, v in sections.items()) + "\n}"
-    beside = path.with_suffix(".tmp")
-    beside.write_text(sections + "\n", encoding="utf-8")
-    beside.replace(path)
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(sections + "\n", encoding="utf-8")
+    temporary.replace(path)
 
 
 def main() -> None:

@@ -350,8 +350,8 @@ def contact(E1, nu1, rho1, Y1, R1, E2, nu2, rho2, Y2, R2, area="zhou"):
 
 def equal_spheres(inputs):
     """Effective inputs from those of two equal spheres: E, nu, rho, Y, R become the contact's."""
-    own = [inputs[name] for name in ("E", "nu", "rho", "Y", "R")]
-    pair = contact(*own, *own, area=inputs["area"])
+    values = [inputs[name] for name in ("E", "nu", "rho", "Y", "R")]
+    pair = contact(*values, *values, area=inputs["area"])
     rest = {name: z for name, z in inputs.items() if name not in ("nu", "rho")}
     return rest | {name: pair[name] for name in ("E", "R", "M", "Y", "v_lim")}
 

@@ -79,8 +79,8 @@ def sample(seed: int, size: int, choice: Choice) -> dict[str, np.ndarray]:
 def law_of(inputs, choice: Choice) -> sj.Zhou:
     """The law of a sample's inputs, NumPy's or JAX's."""
     contact = sj.Contact(*(inputs[name] for name in LEAVES), area=choice.area)
-    own = [inputs[name] for name in ("chi", "sigma", "psi")]
-    return sj.Zhou(contact, *own, form=choice.form, kappa=choice.kappa)
+    values = [inputs[name] for name in ("chi", "sigma", "psi")]
+    return sj.Zhou(contact, *values, form=choice.form, kappa=choice.kappa)
 
 
 def scales(inputs, choice: Choice):

@@ -269,12 +269,12 @@ def by_hand() -> list[Impact]:
     for rest in (0.37, 0.9):
         for shape, area in shapes:
             squared = 2 * (1 - rest) * area
-            told = inexact if shape.get("shape") in (JUMPS, DROPS) else plain
-            told = gain if squared > 1 else told
+            flags = inexact if shape.get("shape") in (JUMPS, DROPS) else plain
+            flags = gain if squared > 1 else flags
             # of a straight line back a quarter period of each spring
             lasts = 0.5 * np.pi * pace * (1 + np.sqrt(1 - rest)) if area == 0.5 else none
             law = shape | {"rest": rest}
-            rows.append(Impact(law, 0.7, squared, peak, rest * peak, told, 1e-11, lasts))
+            rows.append(Impact(law, 0.7, squared, peak, rest * peak, flags, 1e-11, lasts))
     # down to zero overlap: positive there, zero there, clipped at zero, just above zero by a hair
     for floor, back, rest in ((0.2, 2.0, 0.0), (0.0, 2.0, 0.0), (0.0, 1.0, 0.5), (1e-9, 3.0, 0.0)):
         law = {"floor": floor, "back": back, "rest": rest}
@@ -284,8 +284,8 @@ def by_hand() -> list[Impact]:
     for power in (0.0, 1.0, 1.5, 4.0):
         for v in (1e-9, 1e-3, 1.0, 1e3):
             peak = ((power + 1) * 0.4 * v**2) ** (1 / (power + 1))
-            told = opened | gain if power > 1 else opened
-            rows.append(Impact({"power": power}, v, (power + 1) / 2, peak, 0.0, told, 1e-8))
+            flags = opened | gain if power > 1 else opened
+            rows.append(Impact({"power": power}, v, (power + 1) / 2, peak, 0.0, flags, 1e-8))
     # Hertz's collision by its forces alone, so slow that squares underflow
     for v in (1e-300, 1e-100):
         law, peak = {"power": 1.5, "back": 1.5}, v**0.8

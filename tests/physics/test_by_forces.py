@@ -74,20 +74,20 @@ def test_collisions_solved_by_hand(route):
     """ε², both overlaps, durations by the ODE, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
     velocity = np.array([row.velocity for row in HAND])
     hit, lasts, _ = solved(columns([row.law for row in HAND]), velocity, route)
-    squared, peak, residual, told, tolerance, time = (
+    squared, peak, residual, flags, tolerance, time = (
         np.array([getattr(row, name) for row in HAND], float) for name in Impact._fields[2:]
     )
     hole = np.array([row.law.get("shape") == HOLE for row in HAND])
     sure = ~(hole & has(hit, "SOLVER_FAILED"))  # it may give up, but says so
     if route == "ode":
-        sure &= told != int(sj.Status.INEXACT)
+        sure &= flags != int(sj.Status.INEXACT)
         tolerance = np.maximum(tolerance, 1e-7)
     over = np.abs(hit.residual_overlap / LENGTH - residual)
     wrong = {
         "squared": np.abs(hit.coefficient**2 - squared) > tolerance * np.maximum(squared, 1e-15),
         "peak": np.abs(hit.peak_overlap / LENGTH - peak) > 1e-9 * peak,
         "residual": over > np.maximum(1e-9, tolerance) * peak,
-        "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != told,
+        "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != flags,
     }
     if route == "ode":
         wrong["duration"] = np.abs(lasts / LENGTH / time - 1) > 1e-8
@@ -183,13 +183,13 @@ def test_drawn_laws_without_a_word_of_kinks():
     """Exact, or told not to be."""
     exact, yields = expected()
     result, *_ = solved(FIELDS._replace(told=np.zeros(DRAWN)), VELOCITY)
-    told = has(result, "INEXACT")
+    inexact = has(result, "INEXACT")
     worst = np.max(off(result, exact), 0)
-    assert np.max(worst[yields & ~told]) < 1e-9
+    assert np.max(worst[yields & ~inexact]) < 1e-9
     assert np.max(worst[yields]) < 1e-2
     kinked = yields & (FIELDS.elastic > 0)
-    assert np.sum(told[kinked]) > 0.5 * np.sum(kinked)
-    assert not np.any(told[(FIELDS.elastic == 0) & (FIELDS.more == 0) & (FIELDS.jolt == 0)])
+    assert np.sum(inexact[kinked]) > 0.5 * np.sum(kinked)
+    assert not np.any(inexact[(FIELDS.elastic == 0) & (FIELDS.more == 0) & (FIELDS.jolt == 0)])
 
 
 def test_a_thousand_more_are_numbers_with_good_neighbours():

@@ -59,8 +59,8 @@ def test_kappa(name):
         law = sj.Zhou(contact, 0.1, 0.1, 0.5, kappa=kappa)
         assert 1.5 * law.plasticity() * contact.yield_ratio**2 == pytest.approx(factor, rel=1e-8)
     hertz = sj.Zhou(pair(name, "hertz"), 0.1, 0.1, 0.5)
-    own = 1.5 * hertz.plasticity() * contact.yield_ratio**2
-    assert own == pytest.approx(9 / 16 * math.pi**2, rel=1e-8)
+    of_hertz = 1.5 * hertz.plasticity() * contact.yield_ratio**2
+    assert of_hertz == pytest.approx(9 / 16 * math.pi**2, rel=1e-8)
 
 
 @pytest.mark.parametrize("area", ["zhou", "hertz"])
@@ -73,8 +73,8 @@ def test_against_high_precision(bodies, radius_2, area):
         contact = sj.Contact.with_wall(one, wall=two, radius=0.0127, area=area)
     else:
         contact = sj.Contact.between_spheres(one, two, 0.0127, radius_2, area=area)
-    own = [jax.tree.leaves(body) for body in bodies]
-    expected = zhou_mp.contact(*own[0], 0.0127, *own[1], radius_2, area=area)
+    leaves = [jax.tree.leaves(body) for body in bodies]
+    expected = zhou_mp.contact(*leaves[0], 0.0127, *leaves[1], radius_2, area=area)
     for name, symbol in SYMBOLS.items():
         assert getattr(contact, name) == pytest.approx(float(expected[symbol]), rel=1e-14), name
     ratio = float(expected["E"]) / float(expected["Y"])

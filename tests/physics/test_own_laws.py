@@ -48,13 +48,13 @@ def test_laws_of_borrowed_forces_are_the_built_in_ones(name, route):
     lossless = values | {"sigma": 0.0 * values["velocity"]} if "sigma" in values else values
     exact, result, exact_slopes, _ = graded(law, lossless, by, lasting=True)
     exact_slopes = np.tensordot(list(along.values()), exact_slopes, 1)
-    told = result.status
+    flags = result.status
     size = np.max(np.abs(exact), axis=1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
     assert np.all(np.abs(found - exact) <= 1e-9 * size)
     assert np.allclose(found[3], exact[3], rtol=1e-9, atol=0)
     assert np.all(np.abs(slopes - exact_slopes) <= 3e-9 * size)
-    assert np.all(status == (OPEN if name == "hertz" else told))  # Hertz's forces cannot say never
+    assert np.all(status == (OPEN if name == "hertz" else flags))  # Hertz's forces cannot say never
 
 
 @pytest.mark.parametrize("name", [n for n in WITH_FORCE if "dashpot" not in n])

@@ -27,8 +27,8 @@ def sentence(way: str, name: str, folder: Path) -> str:
 def main() -> None:
     kept = sentences()
     with tempfile.TemporaryDirectory() as folder:
-        told = [f"{way} | {name} | {sentence(way, name, Path(folder))}" for way, name in kept]
-    FILE.write_text("\n".join(told) + "\n", encoding="utf-8")
+        lines = [f"{way} | {name} | {sentence(way, name, Path(folder))}" for way, name in kept]
+    FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -137,8 +137,8 @@ def test_any_material_file(tmp_path, materials):
     (tmp_path / "a.csv").write_text("velocity,restitution\n1.0,0.9\n1.0,0.8\n2.0,0.7\n")
     lines = []
     for i, entry in enumerate(materials):
-        told = {"name": f"m{i}"} | (GOOD | entry if i else entry)
-        lines += ["[[material]]", *(f"{key} = {as_toml(value)}" for key, value in told.items())]
+        options = {"name": f"m{i}"} | (GOOD | entry if i else entry)
+        lines += ["[[material]]", *(f"{key} = {as_toml(value)}" for key, value in options.items())]
     (tmp_path / "m.toml").write_text("\n".join(lines), encoding="utf-8")
     accepted_or_one_line(cal.read_toml, tmp_path / "m.toml", tmp_path)
 

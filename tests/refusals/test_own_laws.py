@@ -97,8 +97,8 @@ def test_a_force_that_is_no_number(method, answer):
     """A list was a shape of JAX's, None "not a valid value for jnp.array", complex numbers an answer."""
     function, described = ANSWERS[answer]
     line = refused(method, lambda x, *_: function(x), 1.0)
-    wanted, found = line.split(", but returns ")
-    assert wanted == f"`Own.{method}` must return {NUMBER}"
+    expected, found = line.split(", but returns ")
+    assert expected == f"`Own.{method}` must return {NUMBER}"
     assert described in found
 
 
@@ -127,8 +127,8 @@ def test_a_number_of_the_law_that_decides_cannot_be_traced(method):
 @pytest.mark.parametrize("what", OTHERS)
 def test_what_else_a_law_states(what):
     method, function, accepted, described = OTHERS[what]
-    wanted, found = refused(method, function, 1.0).split(", but returns ")
-    assert wanted == f"`Own.{method}` must return {accepted}"
+    expected, found = refused(method, function, 1.0).split(", but returns ")
+    assert expected == f"`Own.{method}` must return {accepted}"
     assert described in found
 
 

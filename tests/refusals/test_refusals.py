@@ -53,7 +53,7 @@ def test_whole_sentences(way, name, tmp_path):
 )
 def test_a_command_says_the_same(place, tmp_path):
     """One line on standard error, exit code 2, and nothing written."""
-    said = str(refusal(*place, tmp_path))
+    message = str(refusal(*place, tmp_path))
     code, out, error = run("fit", tmp_path / "m.toml", "--out", tmp_path / "results", "--no-cache")
-    assert (code, out, error) == (2, "", said + "\n")
+    assert (code, out, error) == (2, "", message + "\n")
     assert not (tmp_path / "results").exists()

@@ -22,8 +22,8 @@ def behind(text: str) -> list[str]:
     docstring = ast.get_docstring(tree) or ""
 
     def says_why(module, line):
-        said = "#" in lines[line - 1] or (line > 1 and lines[line - 2].strip().startswith("#"))
-        return module.startswith("softjax.") and (module in docstring or said)
+        explained = "#" in lines[line - 1] or (line > 1 and lines[line - 2].strip().startswith("#"))
+        return module.startswith("softjax.") and (module in docstring or explained)
 
     found = sorted({(line, module) for module, line in used(tree) if _is_hidden(module)})
     return [f"line {line}: {module}" for line, module in found if not says_why(module, line)]

@@ -53,7 +53,7 @@ def test_every_cell_of_the_table(compared):
     for code, names in laws.items():  # each once, with the laws that have it
         assert f"! {code}: {'; '.join(names)}." in text
     assert "Only `softjax fit` uses these entries of the file: profiles" in text
-    assert all(len(told) <= 100 for told in compared.out.partition("\nWritten")[0].splitlines())
+    assert all(len(line) <= 100 for line in compared.out.partition("\nWritten")[0].splitlines())
 
 
 def test_scores_of_the_winner_are_those_of_scipys_fit(compared):
@@ -74,8 +74,8 @@ def test_scores_of_the_winner_are_those_of_scipys_fit(compared):
 
 
 def test_fitted_parameters_stand_with_errors_and_units(compared):
-    lines = [told for told in compared.out.splitlines() if told.startswith("Walton–Braun")]
-    (fitted,) = (cells(told)[1] for told in lines if len(cells(told)) == 2)
+    lines = [line for line in compared.out.splitlines() if line.startswith("Walton–Braun")]
+    (fitted,) = (cells(line)[1] for line in lines if len(cells(line)) == 2)
     growth = ranking(compared)[0]["parameters"]["growth"]["standard_error"]
     assert fitted.endswith(f"± {growth:.2g} 1/m")
     assert fitted.startswith("k20 ")
@@ -125,9 +125,9 @@ def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path
     angle = np.arctan2(np.pi, -np.log(value["linear"]))
     assert np.exp(-2 * angle / np.tan(angle)) == pytest.approx(value["constant"], rel=1e-5)
     assert value["linear"] < value["constant"] - 1e-4
-    told = legend(made.figures["compare.png"])
-    assert sum("\n= " in one for one in told) == 1
-    assert len(told) == 4  # data, the shared line, two of Thornton's
+    names = legend(made.figures["compare.png"])
+    assert sum("\n= " in one for one in names) == 1
+    assert len(names) == 4  # data, the shared line, two of Thornton's
     drawn = [x for x in made.figures["compare.png"].axes[0].get_lines() if x.get_label()[0] != "_"]
     assert len({str(one._unscaled_dash_pattern) for one in drawn}) == 3
     settings = json.loads(made.text("compare.json"))["settings"]

@@ -142,8 +142,8 @@ def test_profiles_are_drawn_through_the_minimised_cost(alloy):
         np.testing.assert_allclose([rise(k, end / scale[k]) for end in ends], threshold, rtol=1e-2)
         assert ends[0] < values[k] < ends[1]
         assert ax.get_ylim() == pytest.approx((0, 1.6 * threshold))
-    told = ["profile", "from the standard error", "threshold of the interval", "interval"]
-    assert legend(figure) == told
+    names = ["profile", "from the standard error", "threshold of the interval", "interval"]
+    assert legend(figure) == names
 
 
 def correlation_of(ax) -> dict:
@@ -285,7 +285,7 @@ def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
     assert table == expected
     for row in (parameters, quality):
         for words in row[1:]:
-            assert any(cells(told) == [w for w in words if w] for told in alloy.out.splitlines())
+            assert any(cells(line) == [w for w in words if w] for line in alloy.out.splitlines())
     bodies = dict(zip(*markdown_tables(alloy.text("report.md"))[0], strict=True))
     mass = f"{4 / 3 * np.pi * 0.0127**3 * 1140:.4g}"
     assert list(bodies.values()) == [
@@ -318,7 +318,7 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
         names = fit.report(tmp_path / "mine")
     assert {*names} == {path.name for path in alloy.folder.iterdir()}
     assert axes_of(figures["curves.png"]) == axes_of(fit.plot()) == PICTURES["curves"]
-    told, own = (
+    given, default = (
         re.sub(
             "`softjax fit .*`\n\n|, from [^;]*alloy.csv",
             "",
@@ -326,10 +326,10 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
         )
         for folder in (alloy.folder, tmp_path / "mine")
     )
-    assert own == told
+    assert default == given
     page = Tags(fit._repr_html_())
     assert page.open == page.named("img") == []
-    for cell in markdown_tables(told)[1][2]:
+    for cell in markdown_tables(given)[1][2]:
         assert cell in page.words
 
 

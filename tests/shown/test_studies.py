@@ -36,9 +36,9 @@ def restitution(v, **changed):
     body, radius = sj.Material(**of), RADIUS * changed.get("radius", 1.0)
     contact = sj.Contact.between_spheres(body, body, radius, radius, area="zhou")
     law = fitted("nylon")
-    own = {n: getattr(law, n) * changed.get(n, 1.0) for n in ("chi", "sigma", "psi")}
+    values = {n: getattr(law, n) * changed.get(n, 1.0) for n in ("chi", "sigma", "psi")}
     at = np.asarray(v) * changed.get("velocity", 1.0)
-    return np.asarray(sj.restitution(sj.Zhou(contact, **own), at).coefficient)
+    return np.asarray(sj.restitution(sj.Zhou(contact, **values), at).coefficient)
 
 
 def effect(name, v, h=1e-5):
@@ -74,8 +74,8 @@ def test_sensitivities_over_velocity(studied):
     lines = studied.out[studied.out.index(head) :].splitlines()
     assert cells(lines[0]) == [head, "1", "10"]
     table = {row[0]: [float(x) for x in row[1:]] for row in map(cells, lines[1:10])}
-    told = json.loads(studied.text("sensitivity.json"))["local"]
-    assert told["velocity"] == [1.0, 10.0]
+    study = json.loads(studied.text("sensitivity.json"))["local"]
+    assert study["velocity"] == [1.0, 10.0]
     symbols = ("E", "ν", "ρ", "Y", "R", "χ̃", "σ", "ψ", "v")
     for (name, letter), symbol in zip(LETTERS.items(), symbols, strict=True):
         slope = effect(name, velocity)
@@ -85,7 +85,7 @@ def test_sensitivities_over_velocity(studied):
         np.testing.assert_allclose(in_csv, slope / curve, atol=1e-7)
         at_bars = effect(name, [1.0, 10.0])
         assert table[symbol] == pytest.approx(at_bars, abs=6e-6)
-        np.testing.assert_allclose(told["theta_d_epsilon_d_theta"][name], at_bars, atol=1e-7)
+        np.testing.assert_allclose(study["theta_d_epsilon_d_theta"][name], at_bars, atol=1e-7)
         if letter == "$R$":
             continue
         x, y = line(ax, letter)
@@ -230,9 +230,9 @@ def test_a_wall_and_another_law(tmp_path):
     made = shown(tmp_path, "sensitivity", tmp_path / "a.toml", *law, *few)
     assert made.code == 0
     (ax,) = made.figures["sensitivity.png"].axes
-    told = legend(ax)
-    assert {"$E$", "$E$ wall", "$R$", "$A$", "$v$"} <= set(told)
-    assert not any("yield" in one for one in told)
+    names = legend(ax)
+    assert {"$E$", "$E$ wall", "$R$", "$A$", "$v$"} <= set(names)
+    assert not any("yield" in one for one in names)
     assert not np.any(np.isnan(line(ax, "$A$")[1]))
     assert ax.get_xscale() == "linear"  # less than one and a half decades
     # ε depends on w² ∝ A v^{1/5}: five times as much by A as by v

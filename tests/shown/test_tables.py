@@ -88,8 +88,8 @@ def test_speed_is_microseconds_a_collision(ticking, tmp_path):
         batch, error = int(row["batch"]), float(row["largest_error"])
         for name in ("microseconds", "gradient_microseconds"):
             assert not row[name] or 1 <= 1e-6 * float(row[name]) * batch < 100
-        told = [row["family"], row["setting"], f"{batch:,}", f"{float(row['microseconds']):.3g}"]
-        assert re.search(r"\s+".join(map(re.escape, [*told, f"{error:.0e}"])), made.out)
+        cells = [row["family"], row["setting"], f"{batch:,}", f"{float(row['microseconds']):.3g}"]
+        assert re.search(r"\s+".join(map(re.escape, [*cells, f"{error:.0e}"])), made.out)
         exact = row["family"] == "energy balance"
         assert error < 1e-13 if exact else 1e-14 < error < 0.2
     (ax,) = made.figures["speed.png"].axes
@@ -97,8 +97,8 @@ def test_speed_is_microseconds_a_collision(ticking, tmp_path):
     assert ax.get_ylabel() == "time per collision [µs]"
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     for family in dict.fromkeys(r["family"] for r in rows):
-        own = [r for r in rows if r["family"] == family]
-        points = [(max(float(r["largest_error"]), 1e-17), float(r["microseconds"])) for r in own]
+        same = [r for r in rows if r["family"] == family]
+        points = [(max(float(r["largest_error"]), 1e-17), float(r["microseconds"])) for r in same]
         np.testing.assert_allclose(np.transpose(line(ax, family)), points)
     (few,) = {r["batch"] for r in rows if r["family"] == "SciPy loop"}
     title = f"4,096 impacts at once (SciPy loop: {few}) where no number is given"

@@ -35,10 +35,10 @@ def data_of(restitution, uncertainty=None, velocity=VELOCITY, contact=CONTACT, g
     )
 
 
-def growing(uncertainty=None, noise=0.005, **told):
+def growing(uncertainty=None, noise=0.005, **options):
     made = walton_braun(VELOCITY, 1.1, 0.02)
     return data_of(
-        made + (noise if uncertainty is None else uncertainty) * NOISE, uncertainty, **told
+        made + (noise if uncertainty is None else uncertainty) * NOISE, uncertainty, **options
     )
 
 
@@ -117,8 +117,8 @@ def test_days_that_differ_are_left_out_whole(stated):
 def test_a_prior_predicts_as_one_more_measurement():
     """In closed form: a row of the regression that is left out with no point."""
     data = growing(UNEQUAL)
-    said = {"line": LINE | {"slope": cal.Parameter(0.002, prior=(0.004, 0.0002))}}
-    found = cal.compare(data, {"line": Line}, parameters=said).entries[0].leave_one_out
+    parameters = {"line": LINE | {"slope": cal.Parameter(0.002, prior=(0.004, 0.0002))}}
+    found = cal.compare(data, {"line": Line}, parameters=parameters).entries[0].leave_one_out
     design = np.stack([np.ones(30), -VELOCITY], axis=1) / UNEQUAL[:, None]
     design = np.concatenate([design, [[0, 1 / 0.0002]]])
     target = np.append(data.restitution / UNEQUAL, 0.004 / 0.0002)
@@ -138,8 +138,8 @@ def test_a_parameter_at_its_bound_counts_for_none():
         "level": cal.Parameter(0.9, bounds=(0, 2)),
         "slope": cal.Parameter(0.002, bounds=(0, 1)),
     }
-    said = {"line": ends}
-    entry = cal.compare(data, {"line": Line}, parameters=said).entries[0]
+    parameters = {"line": ends}
+    entry = cal.compare(data, {"line": Line}, parameters=parameters).entries[0]
     assert entry.result.values["slope"] == 0
     for k in (0, 29):
         others = np.delete(data.restitution, k)
@@ -230,9 +230,9 @@ def test_thornton_stands_with_its_factor_free_and_fixed():
     """What is said of a law acts on it alone: yield at the contact's own critical velocity."""
     critical = float(pair("nylon", area="hertz").critical_velocity)
     data = data_of(thornton(VELOCITY, critical, 2.2) + 0.003 * NOISE, 0.003)
-    said = {"thornton-fixed": {"area": "contact"}}
+    parameters = {"thornton-fixed": {"area": "contact"}}
     laws = ["thornton-fixed", "thornton", "constant"]
-    comparison = cal.compare(data, laws, parameters=said)
+    comparison = cal.compare(data, laws, parameters=parameters)
     assert comparison.ranking[0] == "Thornton, yield pressure free"
     free, fixed = comparison.entry("thornton"), comparison.entry("Thornton, yield pressure Y")
     error = free.result.standard_errors["yield_factor"]
@@ -248,8 +248,8 @@ def test_laws_of_ones_own_join_by_class_function_and_label():
         return sj.WaltonBraun(contact, 1e6, 1.1e6, growth)
 
     data = growing()
-    told = {"Line": LINE, "doubled": {"growth": cal.Parameter(1.0, bounds=(0, 1e6))}}
-    comparison = cal.compare(data, [Line, doubled, sj.ConstantRestitution], parameters=told)
+    parameters = {"Line": LINE, "doubled": {"growth": cal.Parameter(1.0, bounds=(0, 1e6))}}
+    comparison = cal.compare(data, [Line, doubled, sj.ConstantRestitution], parameters=parameters)
     assert set(comparison) == {"Line", "doubled", "constant ε (hard spheres)"}
     assert isinstance(comparison["Line"].law, Line)
     named = cal.compare(data, {"mine": Line, "spheres": "constant"}, parameters={"mine": LINE})
@@ -317,11 +317,11 @@ def test_bodies_may_differ_from_impact_to_impact():
     radius = np.linspace(0.005, 0.02, 30)
     contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, radius, 0.0127)
     # k1 is held at k √R, of the mean bodies
-    held = float(np.mean(contact.stiffness) * np.mean(contact.radius) ** 0.5)
-    made = walton_braun(VELOCITY, 1.1, 500 * np.sqrt(np.asarray(contact.mass) / held))
+    stiffness = float(np.mean(contact.stiffness) * np.mean(contact.radius) ** 0.5)
+    made = walton_braun(VELOCITY, 1.1, 500 * np.sqrt(np.asarray(contact.mass) / stiffness))
     data = data_of(made + 0.001 * NOISE, contact=contact)
     found = cal.compare(data, ["walton-braun"])["walton-braun"]
-    for name, value in (("growth", 500), ("unloading_stiffness", 1.1 * held)):
+    for name, value in (("growth", 500), ("unloading_stiffness", 1.1 * stiffness)):
         assert abs(found.values[name] - value) < 4 * found.standard_errors[name]
 
 
@@ -343,8 +343,8 @@ def test_a_second_minimum_is_told_where_it_is_as_good(rise, several):
     noise = np.random.default_rng(5).normal(size=30)
     noise -= np.polyval(np.polyfit(velocity, noise, 1), velocity)
     data = data_of(0.5 + off + 0.01 * noise, 0.01, velocity)
-    said = {"Ellipse": {"a": cal.Parameter(0.3, bounds=(-3.5, 3.5))}}
-    entry = cal.compare(data, [Ellipse], parameters=said).entries[0]
+    parameters = {"Ellipse": {"a": cal.Parameter(0.3, bounds=(-3.5, 3.5))}}
+    entry = cal.compare(data, [Ellipse], parameters=parameters).entries[0]
     assert entry.result.values["a"] == pytest.approx(np.pi / 2, abs=1e-5)
     causes = [doubt.cause for doubt in entry.warnings if doubt.code == "several-minima"]
     assert any("another minimum for a" in cause for cause in causes) == several

@@ -80,8 +80,8 @@ def test_each_criterion_is_as_small_as_a_brute_force_search_makes_it(criterion):
 def test_the_best_place_for_two_parameters_of_a_decay_is_known():
     """Box and Lucas, Biometrika 46, 77 (1959): half at the lowest velocity, half 1/b above it."""
     calls = []
-    told = {"criterion": "D", "starts": 3, "progress": lambda *call: calls.append(call)}
-    found = cal.optimal_velocities(DECAY, 8, BOUNDS, **told)
+    options = {"criterion": "D", "starts": 3, "progress": lambda *call: calls.append(call)}
+    found = cal.optimal_velocities(DECAY, 8, BOUNDS, **options)
     assert found.support == [(1.0, 4), (pytest.approx(21.0, rel=1e-4), 4)]
     assert found.efficiency > 0.999  # an even number can be halved
     assert calls == [("velocities", k, 3) for k in (1, 2, 3)]
@@ -126,9 +126,9 @@ def test_what_follows_from_the_parameters_is_a_target():
 
 
 def test_a_curve_is_predicted_where_it_is_asked_for():
-    told = {"criterion": "I", "starts": 2}
+    options = {"criterion": "I", "starts": 2}
     low, high = (
-        cal.optimal_velocities(DECAY, 6, BOUNDS, over=o, **told) for o in ((1, 5), (40, 60))
+        cal.optimal_velocities(DECAY, 6, BOUNDS, over=o, **options) for o in ((1, 5), (40, 60))
     )
     assert "The root mean square of the standard error of ε from 40 to 60 m/s (crit" in str(high)
     assert "ln" not in str(high)
@@ -143,8 +143,8 @@ def test_a_curve_is_predicted_where_it_is_asked_for():
 
 def test_what_is_measured_already_counts():
     old = np.linspace(1.0, 20.0, 10)
-    told = {"measured": old, "measured_uncertainty": 0.002, "uncertainty": 0.01}
-    found = cal.optimal_velocities(DECAY, 3, BOUNDS, target="rate", **told)
+    options = {"measured": old, "measured_uncertainty": 0.002, "uncertainty": 0.01}
+    found = cal.optimal_velocities(DECAY, 3, BOUNDS, target="rate", **options)
     before = np.linalg.inv(covariance(old, 0.002))
     new = rows(found.velocity) / 0.01
     after = np.linalg.inv(before + new.T @ new)
@@ -183,8 +183,8 @@ def test_no_shift_of_some_shots_is_better():
         for factor in (0.8, 0.95, 1.05, 1.2):
             there = np.isclose(found.velocity, place, rtol=0.01)
             v = np.clip(np.where(there, factor, 1.0) * found.velocity, *bounds)
-            told = cal.fisher_information(LAW, v, NOISE)
-            assert told.relative_errors["chi"] > best * (1 - 1e-4)
+            planned = cal.fisher_information(LAW, v, NOISE)
+            assert planned.relative_errors["chi"] > best * (1 - 1e-4)
 
 
 @pytest.mark.parametrize("criterion", ["A", pytest.param("I", marks=pytest.mark.long)])
@@ -204,17 +204,17 @@ def test_a_design_beside_specimens_is_as_good_as_the_best_on_a_grid(criterion):
     triples = ((a, b, c) for a in grid for b in grid[grid >= a] for c in grid[grid >= b])
     best = min(mean_variance(v) for v in triples)
     assert mean_variance(found.velocity) == pytest.approx(best, rel=1e-3)
-    own = np.sqrt(np.diag(np.linalg.inv(before)))
-    np.testing.assert_allclose(list(found.before.values()), own, rtol=1e-5)
+    alone = np.sqrt(np.diag(np.linalg.inv(before)))
+    np.testing.assert_allclose(list(found.before.values()), alone, rtol=1e-5)
 
 
 def test_shots_at_a_data_set_are_aimed_at_its_own_parameter():
     """A shared rate joins two data sets; of the other one's level these shots tell little."""
     shared = {"rate": cal.Parameter(shared=True)}
     result = cal.fit(decays(2, 0.01), Decay, shared, **QUICK)
-    told = {"material": "b", "starts": 1}
-    found = cal.optimal_velocities(result, 4, (1.0, 20.0), **told)
+    options = {"material": "b", "starts": 1}
+    found = cal.optimal_velocities(result, 4, (1.0, 20.0), **options)
     assert found.target == "level[b]"
     assert found.support == [(1.0, 4)]  # where ε depends on the rate least
-    named = cal.optimal_velocities(result, 4, (1.0, 20.0), target="rate", **told)
+    named = cal.optimal_velocities(result, 4, (1.0, 20.0), target="rate", **options)
     assert named.support[0][0] > 10.0

@@ -56,10 +56,10 @@ def test_the_table_prints_the_interval_and_what_is_known(data, result):
         assert "±" not in row
         codes = [one.code for one in fit.warnings]
         assert codes.count("skewed") == codes.count("collinear") == 1
-    (told,) = (one.cause for one in result.warnings if one.code == "collinear")
+    (cause,) = (one.cause for one in result.warnings if one.code == "collinear")
     middle = float(np.median(data.velocity))
     band = result.band(middle)
-    known = float(told.partition("in their middle, ")[2].partition(" ±")[0])
+    known = float(cause.partition("in their middle, ")[2].partition(" ±")[0])
     assert known == pytest.approx(float(band.coefficient), abs=0.1 * float(band.standard_error))
     assert band.standard_error < 0.002
 
@@ -146,8 +146,8 @@ def test_losses_that_go_to_nothing_end_at_their_bound_and_free_chi():
     assert fit.values["eps_up"] == 1
     chi = fit.parameters["chi"]
     assert chi.low < 1.5 < chi.high
-    held = cal.fit(data, extra_scatter=True, parameters={"chi": chi.low}).materials[0]
-    assert 0.98 < held.values["eps_up"] < 0.99
+    fixed = cal.fit(data, extra_scatter=True, parameters={"chi": chi.low}).materials[0]
+    assert 0.98 < fixed.values["eps_up"] < 0.99
 
 
 def test_nothing_free_is_a_fit_of_its_noise_alone(data):

@@ -182,8 +182,8 @@ def test_of_a_fit_without_further_shots_it_is_the_fits_own_covariance(case):
     make, law, options, material = FITS[case]
     result = cal.fit(make(), law, **QUICK | options)
     found = cal.fisher_information(result, material=material)
-    own = {name: result.standard_errors[name] for name in found.names}
-    assert found.standard_errors == pytest.approx(own, rel=1e-4)
+    errors = {name: result.standard_errors[name] for name in found.names}
+    assert found.standard_errors == pytest.approx(errors, rel=1e-4)
     if law is Idle:
         assert found.names == ("level[b]", "rate[b]")
         assert found.taken_as_known[0].startswith("idle is not determined")

@@ -24,13 +24,13 @@ def gradient(v, level, rate):
     return np.stack([np.exp(-rate * v), -v * curve(v, level, rate)], axis=-1)
 
 
-def imprecise(overstated=1.0, count=40, seed=3, share=0.1, **told):
+def imprecise(overstated=1.0, count=40, seed=3, share=0.1, **options):
     """Velocities with errors of some share of them, stated as so many times what they are."""
     random = np.random.default_rng(seed)
     v = np.linspace(0.5, 8.0, count)
     e = curve(v, *TRUTH) + NOISE * random.standard_normal(count)
     measured = v + share * v / overstated * random.standard_normal(count)
-    return cal.RestitutionData(measured, e, velocity_uncertainty=share * v, **told)
+    return cal.RestitutionData(measured, e, velocity_uncertainty=share * v, **options)
 
 
 def errors_of_velocity(data):
@@ -61,8 +61,8 @@ def without(data, k):
             ((expected_at(data, *theta) - e) ** 2 / variance + np.log(variance))[kept]
         )
 
-    told = {"xatol": 1e-8, "fatol": 1e-10}
-    theta = optimize.minimize(cost, TRUTH, method="Nelder-Mead", options=told).x
+    options = {"xatol": 1e-8, "fatol": 1e-10}
+    theta = optimize.minimize(cost, TRUTH, method="Nelder-Mead", options=options).x
     variance = NOISE**2 + (slope(v, *theta) * of_v) ** 2
     rows = gradient(v, *theta)[kept]
     return theta, np.linalg.inv((rows / variance[kept, None]).T @ rows), variance
@@ -161,8 +161,9 @@ def test_many_points_are_left_out_to_first_order_by_the_same_density(stated):
     u, of_v = np.linspace(0.5, 1.5, 1100) * NOISE, errors_of_velocity(data)[0]
 
     def fitted(kept):
-        told = {"uncertainty": u} if stated else {"velocity_uncertainty": data.velocity_uncertainty}
-        some = {name: values[kept] for name, values in told.items()}
+        errors = {"uncertainty": u, "velocity_uncertainty": data.velocity_uncertainty}
+        name = "uncertainty" if stated else "velocity_uncertainty"
+        some = {name: errors[name][kept]}
         points = cal.RestitutionData(data.velocity[kept], data.restitution[kept], **some)
         return cal.fit(points, Decay, scale_uncertainty=stated, **QUICK)
 

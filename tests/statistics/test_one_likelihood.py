@@ -20,21 +20,21 @@ TIMED = np.stack([np.arange(N), np.arange(N) + 1, np.full(N, -1)], axis=1)
 TO_EPS = np.stack([-0.9 * np.ones(N), np.ones(N), np.zeros(N)], axis=1)
 
 
-def measured(seed=2, tails=False, **told):
+def measured(seed=2, tails=False, **options):
     random = np.random.default_rng(seed)
     errors = stats.t.rvs(3, size=N, random_state=random) if tails else random.standard_normal(N)
     e = curve(V, 0.92, 0.09) + 0.006 * errors
-    if "group" in told:
+    if "group" in options:
         e = e + 0.01 * random.standard_normal(5)[DAYS]
-    return cal.RestitutionData(V, e, **told)
+    return cal.RestitutionData(V, e, **options)
 
 
 def bounces(size, by_time=0.0):
     """A train: each interval is in two points, and in their velocities; stated or unknown."""
     alone = None if size is None else STATED
-    told = None if size is None else np.full(N + 1, size)
+    uncertainty = None if size is None else np.full(N + 1, size)
     to_v = by_time * (np.arange(3) == 1) * np.ones((N, 1))
-    return measured(errors=cal.PointErrors(TIMED, TO_EPS, to_v, told, "times", alone))
+    return measured(errors=cal.PointErrors(TIMED, TO_EPS, to_v, uncertainty, "times", alone))
 
 
 BY_TIME = 2.0  # δv of a time [m/s²]
@@ -109,11 +109,11 @@ def dense(case, theta):
 
 def densities(case, theta):
     """ln p, and ln p of each point where the others are known."""
-    data, asked = CASES[case]
+    data, options = CASES[case]
     mean, covariance = dense(case, theta)
     off = data.restitution - mean
-    if asked.get("noise") == "student-t":
-        dof = theta.get("dof", asked.get("noise_dof", 4))
+    if options.get("noise") == "student-t":
+        dof = theta.get("dof", options.get("noise_dof", 4))
         points = stats.t.logpdf(off, dof, 0, np.sqrt(np.diag(covariance)))
         return np.sum(points), points
     inverse = np.linalg.inv(covariance)
@@ -131,8 +131,8 @@ def nearer_the_middle(u):
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_problem_is_the_dense_density_wherever_it_is_asked(case):
-    data, asked = CASES[case]
-    problem = cal.problem(data, Decay, **asked)
+    data, options = CASES[case]
+    problem = cal.problem(data, Decay, **options)
     noises = {"noise": 0.006, "scale": 1.3, "timing": 0.004, "group": 0.008, "dof": 5.0}
     for level, rate, factor in ((0.9, 0.1, 1.0), (0.97, 0.05, 2.0), (0.7, 0.2, 0.5)):
         theta = {"level": level, "rate": rate}
@@ -142,7 +142,7 @@ def test_a_problem_is_the_dense_density_wherever_it_is_asked(case):
         assert float(problem.log_likelihood(theta)) == pytest.approx(whole, rel=1e-10)
         found = problem.point_log_likelihood(theta)
         np.testing.assert_allclose(found, points, rtol=1e-8, atol=1e-8)
-    if asked.get("noise") == "student-t":
+    if options.get("noise") == "student-t":
         return
     mean, covariance = dense(case, theta)  # residuals are whitened; simulations have V
     off = mean - data.restitution
@@ -156,9 +156,9 @@ def test_a_problem_is_the_dense_density_wherever_it_is_asked(case):
 @pytest.mark.parametrize("case", FITTED)
 def test_a_fit_has_its_largest_value_and_leaves_points_out_by_the_same(case):
     """ln L over parameters and noise by SciPy; what is told of each point at the fit itself."""
-    data, asked = CASES[case]
-    result = cal.fit(data, Decay, profiles=False, starts=4, **asked)
-    problem = cal.problem(data, Decay, **asked)
+    data, settings = CASES[case]
+    result = cal.fit(data, Decay, profiles=False, starts=4, **settings)
+    problem = cal.problem(data, Decay, **settings)
     names = ["level", "rate", *problem.noises]
 
     def cost(x):

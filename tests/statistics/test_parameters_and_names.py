@@ -26,8 +26,8 @@ def drops(lowest, contact=STEEL):
     return cal.RestitutionData(v, e, contact, uncertainty=0.004)
 
 
-def with_yield(**told):
-    return {"contact.yield_strength": cal.Parameter(**told)}
+def with_yield(**options):
+    return {"contact.yield_strength": cal.Parameter(**options)}
 
 
 def test_a_prior_on_yield_keeps_what_the_points_above_it_determine():
@@ -84,8 +84,8 @@ def test_a_yield_strength_that_is_fixed_decides_which_points_are_above_it():
 
 
 def test_what_the_data_do_not_determine_is_said_without_nan():
-    said = with_yield(prior=(YIELD, 0.05 * YIELD)) | {"sigma": cal.Parameter(2.0)}
-    result = cal.fit(drops(20), "zhou", said)
+    parameters = with_yield(prior=(YIELD, 0.05 * YIELD)) | {"sigma": cal.Parameter(2.0)}
+    result = cal.fit(drops(20), "zhou", parameters)
     assert result.standard_errors["sigma"] is None
     said_once = ("sigma-psi-not-separate", "rank-deficient", "collinear")
     found = [one.code for one in result.warnings if one.code in said_once]
@@ -93,26 +93,26 @@ def test_what_the_data_do_not_determine_is_said_without_nan():
     assert "nan" not in str(result).lower()
 
 
-def decays(count, **told):
+def decays(count, **options):
     random = np.random.default_rng(count)
     v = np.linspace(0.5, 4.0, 12)
     sets = []
     for name in "abc"[:count]:
         e = 0.92 * np.exp(-0.08 * v) + 0.01 * random.standard_normal(12)
-        sets.append(cal.RestitutionData(v, e, name=name, **told))
+        sets.append(cal.RestitutionData(v, e, name=name, **options))
     return sets
 
 
 def test_a_group_named_like_a_data_set_outside_it_is_refused():
     """Its parameter and that of the data set would both be "rate[a]"."""
-    said = {f"rate[{name}]": cal.Parameter(shared="a") for name in "bc"}
+    parameters = {f"rate[{name}]": cal.Parameter(shared="a") for name in "bc"}
     with pytest.raises(ValueError, match=r"`shared of rate` must be .*no data set.*, but is a$"):
-        cal.fit(decays(3), Decay, said, **QUICK)
+        cal.fit(decays(3), Decay, parameters, **QUICK)
 
 
 def test_a_group_may_have_the_name_of_one_of_its_data_sets(tmp_path):
-    said = {f"rate[{name}]": cal.Parameter(shared="a") for name in "ab"}
-    result = cal.fit(decays(3), Decay, said, **QUICK)
+    parameters = {f"rate[{name}]": cal.Parameter(shared="a") for name in "ab"}
+    result = cal.fit(decays(3), Decay, parameters, **QUICK)
     assert len(set(result.covariance_names)) == len(result.covariance_names) == 5
     assert result.values["rate[a]"] == result.values["rate[b]"] != result.values["rate[c]"]
     result.save(tmp_path / "fit.json")
@@ -141,11 +141,11 @@ CLASHES = {
 @pytest.mark.parametrize("name", CLASHES)
 def test_a_parameter_named_like_an_error_of_the_data_is_refused(name):
     """theta[name] was read as both."""
-    law, told, asked = CLASHES[name]
+    law, options, parameters = CLASHES[name]
     with pytest.raises(
         ValueError, match=rf"^`parameter` must be named otherwise: .*but is {name}$"
     ):
-        cal.problem(decays(1, **told), law, **asked)
+        cal.problem(decays(1, **options), law, **parameters)
 
 
 @pytest.mark.parametrize("name", CLASHES)

@@ -101,8 +101,8 @@ def ridge():
 
 @pytest.fixture(scope="module")
 def result():
-    said = {"base": cal.Parameter(0.8), "power": cal.Parameter(1.3)}
-    return cal.fit(ridge(), Ridge, said, profiles=False, starts=1)
+    parameters = {"base": cal.Parameter(0.8), "power": cal.Parameter(1.3)}
+    return cal.fit(ridge(), Ridge, parameters, profiles=False, starts=1)
 
 
 TOLD = {"draws": 1000, "chains": 2, "warmup": 500}
@@ -160,12 +160,12 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
         e, times = 0.8 + 0.02 * random.standard_normal(8), duration(3e6, 0.8)
         times = times * (1 + 0.02 * random.standard_normal(8))
         sets.append(cal.RestitutionData(velocity, e, contact, name=name, contact_time=times))
-    said = {
+    parameters = {
         "level": cal.Parameter(0.85, prior=(0.85, 0.05), bounds=(0, np.inf), shared=True),
         "stiffness": cal.Parameter(3e6, shared="pooled"),
         "tilt": cal.Parameter(0.0, shared=True),
     }
-    fit = cal.fit(sets, spring, said, profiles=False, starts=1)
+    fit = cal.fit(sets, spring, parameters, profiles=False, starts=1)
     draws = fit.posterior(draws=40, chains=1, seed=3, warmup=60)
     value = {name: values_of(draws, name)[:, None] for name in draws["posterior"].data_vars}
     mean, spread = value["stiffness"], value["stiffness_spread"]
@@ -192,9 +192,9 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
     np.testing.assert_allclose(observed, measured, rtol=1e-14)
     of_set = ["restitution"] * 8 + ["contact_time"] * 8
     assert list(observed["observable"].values) == 2 * of_set
-    told = {name: draws["posterior"][name].attrs["prior"] for name in value}
-    assert told["stiffness[a]"] == "around stiffness, with stiffness_spread"
-    assert told["stiffness"] == "log-normal, median 3e+06, with 68 % from 4.1e+05 to 2.2e+07"
+    priors = {name: draws["posterior"][name].attrs["prior"] for name in value}
+    assert priors["stiffness[a]"] == "around stiffness, with stiffness_spread"
+    assert priors["stiffness"] == "log-normal, median 3e+06, with 68 % from 4.1e+05 to 2.2e+07"
 
 
 def test_every_group_is_there_with_units_and_priors(posterior):
@@ -301,8 +301,8 @@ def test_valleys_are_sampled_and_the_statistics_have_the_parts_of_the_density(na
     statistics, problem = found["sample_stats"], cal.problem(AWKWARD[name]())
     expected = statistics["lp"] - statistics["log_prior"] - statistics["log_jacobian"]
     at = {k: np.asarray(v)[0, :50] for k, v in found["posterior"].data_vars.items()}
-    told = np.asarray(jax.vmap(problem.log_likelihood)(at))
-    np.testing.assert_allclose(np.asarray(expected)[0, :50], told, rtol=1e-9, atol=1e-9)
+    likelihood = np.asarray(jax.vmap(problem.log_likelihood)(at))
+    np.testing.assert_allclose(np.asarray(expected)[0, :50], likelihood, rtol=1e-9, atol=1e-9)
 
 
 # what is made of draws that were made here, against NumPy on the same draws
@@ -411,8 +411,8 @@ def test_one_more_measurement_has_the_tails_of_its_noise(dof):
     """The middle half and 90 % of Student's t about a curve that draws hardly move."""
     errors = 0.02 * np.random.default_rng(0).standard_t(3, len(MEASURED))
     data = cal.RestitutionData(MEASURED, 0.92 * np.exp(-0.3 * MEASURED) + errors)
-    told = {"noise": "student-t", "noise_dof": dof}
-    fit = cal.fit(data, Decay, profiles=False, **told)
+    options = {"noise": "student-t", "noise_dof": dof}
+    fit = cal.fit(data, Decay, profiles=False, **options)
     known = {"level": 0.92, "rate": 0.3, "noise": 0.05, "dof": 3.0}
     draws = drawn(**{n: (x, 1e-9) for n, x in known.items() if n != "dof" or dof == "estimate"})
     for confidence in (0.5, 0.9):
@@ -467,8 +467,8 @@ def test_sensitivities_and_designs_are_over_the_draws(files):
     chosen = values[np.linspace(0, 599, 200).round().astype(int)]
     low, high = np.quantile(chosen, [0.025, 0.975])
     np.testing.assert_allclose(table["restitution"], [[low] * 3, [high] * 3], rtol=1e-12)
-    told = ("--study", "design", "--shots", "2", "--out", folder / "design")
-    code, out, _ = run("sensitivity", *given, *told)
+    options = ("--study", "design", "--shots", "2", "--out", folder / "design")
+    code, out, _ = run("sensitivity", *given, *options)
     assert code == 0
     assert "on average over 16 draws of the posterior: Best shots: " in out
 
@@ -489,18 +489,18 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
         (tmp_path / f"{k}.csv").write_text("velocity [m/s],restitution\n" + "\n".join(rows))
         text += f'[[material]]\nname = "balls {k}"\ndata = "{k}.csv"\n{more}'
     (tmp_path / "a.toml").write_text(text)
-    out, own, every = tmp_path / "results", cal.FitResult.posterior, []
+    out, posterior, every = tmp_path / "results", cal.FitResult.posterior, []
 
     def sampled(function):
         monkeypatch.setattr(cal.FitResult, "posterior", function)
-        told = ("--law", "constant", "--posterior", "--no-profiles", "--out", out)
-        code, printed, err = run("fit", tmp_path / "a.toml", *told)
+        options = ("--law", "constant", "--posterior", "--no-profiles", "--out", out)
+        code, printed, err = run("fit", tmp_path / "a.toml", *options)
         assert (code, err) == (0, "")
         report = (out / "report.md").read_text(encoding="utf-8")
         section = report[report.index("## Posterior") :]
         return printed, section, {x.split("**")[1]: x for x in section.splitlines() if "**" in x}
 
-    printed, section, warned = sampled(lambda *a, **k: every.append(own(*a, **k)) or every[0])
+    printed, section, warned = sampled(lambda *a, **k: every.append(posterior(*a, **k)) or every[0])
     assert {"posterior.nc", "posterior.png"} <= {path.name for path in out.iterdir()}
     with xarray.open_dataset(out / "posterior.nc", group="posterior", engine="h5netcdf") as found:
         assert dict(found.sizes) == {"chain": 4, "draw": 1000}

@@ -140,8 +140,8 @@ def test_inputs_of_a_law_are_its_single_numbers_by_names_of_their_own():
     np.testing.assert_array_equal(moved.weights, weights)
     declared = cal.Inputs({}, lambda values: fitted("nylon")).declared
     names = ("density_2", "poisson_ratio_wall", "chi", "velocity")
-    told = [("ρ 2", "kg/m³"), ("ν wall", "-"), ("χ̃", "-"), ("v", "m/s")]
-    assert [declared(name)[:2] for name in names] == told
+    expected = [("ρ 2", "kg/m³"), ("ν wall", "-"), ("χ̃", "-"), ("v", "m/s")]
+    assert [declared(name)[:2] for name in names] == expected
 
 
 def test_of_a_fit_above_yield_the_loss_is_one_input():

@@ -20,8 +20,8 @@ def bounces(stated=True, launches=3, count=5, seed=1):
         first = random.uniform(0.5, 0.7)
         times += [first * 0.9**n + TIMING * random.standard_normal() for n in range(count + 1)]
         labels += [f"l{k}"] * (count + 1)
-    told = {"timing_uncertainty": TIMING} if stated else {}
-    return cal.RestitutionData.from_table({"launch": labels, "interval": times}, **told)
+    options = {"timing_uncertainty": TIMING} if stated else {}
+    return cal.RestitutionData.from_table({"launch": labels, "interval": times}, **options)
 
 
 def dense(data, slope, variance):
@@ -66,10 +66,10 @@ def test_variances_of_trains_are_those_of_the_largest_restricted_likelihood(stat
     def cost(x):
         return restricted(matrix(np.exp(x)), data.restitution, ones)
 
-    told = {"maxiter": 4000, "xatol": 1e-9, "fatol": 1e-12}
+    options = {"maxiter": 4000, "xatol": 1e-9, "fatol": 1e-12}
     starts = ([1e-7] * len(names), [1e-8] * (len(names) - 1) + [1e-6])
     best = min(
-        (optimize.minimize(cost, np.log(s), method="Nelder-Mead", options=told) for s in starts),
+        (optimize.minimize(cost, np.log(s), method="Nelder-Mead", options=options) for s in starts),
         key=lambda end: end.fun,
     )
     found = {"group": material.group_deviation**2, "timing": (material.timing or 0) ** 2}
@@ -275,8 +275,8 @@ def test_scatter_next_to_another_set_at_its_bound_is_as_if_that_was_given():
     free = cal.fit(sets, parameters=both, profiles=False)
     assert [fit.parameters["eps_up"].at_bound for fit in free.materials] == [True, False]
     given = [both | {"eps_up": 1.0}, both]
-    held = cal.fit(sets, parameters=given, profiles=False)
-    for one, other in zip(free.materials, held.materials, strict=True):
+    fixed = cal.fit(sets, parameters=given, profiles=False)
+    for one, other in zip(free.materials, fixed.materials, strict=True):
         assert one.variances["scatter"] == pytest.approx(other.variances["scatter"], rel=1e-5)
 
 

@@ -31,10 +31,10 @@ def test_ishigamis_function_has_its_known_indices():
     together = B**2 * pi4**2 * (1 / 18 - 1 / 50) / variance
     total = alone + np.array([together, 0.0, together])
     calls = []
-    told = {"samples": 4096, "resamples": 100, "progress": lambda *call: calls.append(call)}
+    options = {"samples": 4096, "resamples": 100, "progress": lambda *call: calls.append(call)}
     inputs = cal.Inputs(dict.fromkeys("abc", 0.0), ishigami)
     ranges = dict.fromkeys("abc", (-math.pi, math.pi))
-    found = cal.sobol_indices(inputs, ranges, 1.0, **told)
+    found = cal.sobol_indices(inputs, ranges, 1.0, **options)
     np.testing.assert_allclose(40 * (found.mean - 0.4), A / 2, rtol=0.01)
     np.testing.assert_allclose(1600 * found.variance, variance, rtol=0.02)
     np.testing.assert_allclose(found.first[0], alone, atol=0.02)
@@ -58,9 +58,9 @@ class Two(sj.HardSphereLaw):
 def test_indices_and_limits_are_those_that_scipy_finds_on_the_same_samples(scale):
     """Saltelli's estimates and their bootstrap, up to the scatter of 2000 resamples."""
     ranges = {"a": (0.5, 2.0), "b": (0.1, 3.0)}
-    told = {"samples": 256, "scale": scale, "seed": 3, "resamples": 2000}
+    options = {"samples": 256, "scale": scale, "seed": 3, "resamples": 2000}
     found, half = (
-        cal.sobol_indices(Two(1.0, 1.0), ranges, [1.0, 3.0], confidence=c, **told)
+        cal.sobol_indices(Two(1.0, 1.0), ranges, [1.0, 3.0], confidence=c, **options)
         for c in (0.95, 0.5)
     )
     ends = ranges.values()

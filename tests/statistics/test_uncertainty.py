@@ -236,8 +236,8 @@ PRIORS = {  # what is determined mostly by a prior, or by the other members of a
 @pytest.mark.parametrize("case", PRIORS)
 def test_a_bootstrap_s_intervals_are_as_wide_as_the_table_s_where_priors_decide(case):
     """Priors' means are drawn as the points are: held, 1000 refits would hardly move."""
-    build, law, said = PRIORS[case]
-    result = cal.fit(build(), law, said, profiles=False, starts=1)
+    build, law, parameters = PRIORS[case]
+    result = cal.fit(build(), law, parameters, profiles=False, starts=1)
     if case == "prior":
         assert result.standard_errors["rate"] == pytest.approx(0.002, rel=0.1)
     else:
@@ -245,8 +245,8 @@ def test_a_bootstrap_s_intervals_are_as_wide_as_the_table_s_where_priors_decide(
     found = result.bootstrap(1000, seed=2)
     assert np.all(found.converged)
     for name in result.covariance_names:
-        told, drawn = np.array(result.intervals[name]), np.array(found.intervals[name])
-        assert np.all(np.abs(drawn - told) < 0.1 * np.ptp(told))
+        ends, drawn = np.array(result.intervals[name]), np.array(found.intervals[name])
+        assert np.all(np.abs(drawn - ends) < 0.1 * np.ptp(ends))
 
 
 def test_a_refit_that_is_sent_astray_ends_no_profile():

@@ -53,8 +53,8 @@ def collinear(curve):
     return falling(cal.RestitutionData(velocity, 1 - 0.1 * velocity + noise), curve)
 
 
-def misfit(name, **told):
-    return cal.fit(eq_17_data(name, 40, noise=0.003, **told), **TWO_STEP)
+def misfit(name, **options):
+    return cal.fit(eq_17_data(name, 40, noise=0.003, **options), **TWO_STEP)
 
 
 def bounces(slope):
@@ -80,8 +80,8 @@ def torn(*shares):
     spread = (20.0 - chi) / np.sqrt(misfit)
     sets = [replace(data, name=f"set {i}") for i in range(len(shares))]
     priors = [(20.0, share * spread) for share in shares]
-    said = [{"sigma": sigma, "psi": psi, "chi": Free(value=2.0, prior=p)} for p in priors]
-    return cal.fit(sets, None, said, **QUICK | {"starts": 32})
+    parameters = [{"sigma": sigma, "psi": psi, "chi": Free(value=2.0, prior=p)} for p in priors]
+    return cal.fit(sets, None, parameters, **QUICK | {"starts": 32})
 
 
 def of_branches(profiles):
@@ -89,8 +89,8 @@ def of_branches(profiles):
     y = np.append(np.linspace(0.4, 0.95, 4), np.geomspace(1.3, 40, 8))
     data = twin("stainless steel", y, 0.006, 11, uncertainty=0.006)
     strength = float(data.contact.yield_strength)
-    said = {"contact.yield_strength": Free(prior=(strength, 0.1 * strength)), "psi": 0.54}
-    return cal.fit(data, None, said, **QUICK | {"profiles": profiles, "starts": 8})
+    parameters = {"contact.yield_strength": Free(prior=(strength, 0.1 * strength)), "psi": 0.54}
+    return cal.fit(data, None, parameters, **QUICK | {"profiles": profiles, "starts": 8})
 
 
 def balls(radius):
@@ -110,8 +110,8 @@ def imprecise(part=None, near=None):
 
 def zhou(name, y=None, noise=0.0, seed=0, **options):
     """Of the model's own curve."""
-    told = {"uncertainty": noise} if options.pop("stated", False) else {}
-    return cal.fit(twin(name, y, noise, seed, **told), **QUICK | options)
+    stated = {"uncertainty": noise} if options.pop("stated", False) else {}
+    return cal.fit(twin(name, y, noise, seed, **stated), **QUICK | options)
 
 
 STEEL, CHROME = "stainless steel", "chrome steel"
@@ -248,8 +248,8 @@ def test_which_way_the_scatter_goes_is_said():
 @SIDES
 def test_a_prior_is_contradicted_beyond_three_of_its_deviations(by, is_raised):
     data = cal.RestitutionData(np.arange(1.0, 13), 0.8 + 1e-4 * alternating(12), uncertainty=1e-4)
-    said = {"restitution": Free(0.8, prior=(0.8 - 0.03 * by, 0.01))}
-    result = cal.fit(data, "constant", said, profiles=False, starts=1)
+    parameters = {"restitution": Free(0.8, prior=(0.8 - 0.03 * by, 0.01))}
+    result = cal.fit(data, "constant", parameters, profiles=False, starts=1)
     causes = [one.cause for one in result.warnings if one.code == "prior-conflict"]
     assert [cause[:21] for cause in causes] == ["restitution is 0.8, 3"] * is_raised
 
@@ -296,8 +296,8 @@ def test_a_set_off_the_common_curve_as_a_whole_is_named(by, is_raised, stated):
         cal.RestitutionData(velocity, 0.8 + 1e-6 * alternating(12), name="a", uncertainty=u[0]),
         cal.RestitutionData(velocity, 0.8 + off + noise, name="b", uncertainty=u[1]),
     ]
-    said = {"restitution": Free(shared=True)}
-    result = cal.fit(sets, "constant", said, extra_scatter=stated, profiles=False, starts=1)
+    parameters = {"restitution": Free(shared=True)}
+    result = cal.fit(sets, "constant", parameters, extra_scatter=stated, profiles=False, starts=1)
     causes = [one.cause for one in result.warnings if one.code == "offset" and one.material == "b"]
     assert ["above the curve" in cause for cause in causes] == [True] * is_raised
 
@@ -372,9 +372,9 @@ def test_each_data_set_has_minima_of_its_own():
     alone, both, one = torn(1.04), torn(1.04, 1.04), torn(2.08, 1.04)
     (cause,) = (w.cause for w in alone.warnings if w.code == "several-minima")
     for result, names in ((both, ["set 0", "set 1"]), (one, ["set 1"])):
-        told = [w for w in result.warnings if w.code == "several-minima"]
-        assert sorted(w.material for w in told) == names
-        assert {w.cause for w in told} == {cause}
+        warnings = [w for w in result.warnings if w.code == "several-minima"]
+        assert sorted(w.material for w in warnings) == names
+        assert {w.cause for w in warnings} == {cause}
 
 
 @pytest.mark.parametrize(

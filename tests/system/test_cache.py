@@ -73,15 +73,16 @@ def test_doctor_tells_versions_and_checks_itself_by_narrow_limits(at):
     """Each error is below its own limit, which no error of the physics would pass."""
     code, out, error = run("doctor", "--no-cache")
     assert (code, error) == (0, "")
-    told = {k: v.strip() for k, v in (one.split(":", 1) for one in out.splitlines() if ":" in one)}
-    assert told["jax"] == jax.__version__
-    assert told["softjax-contact"] == metadata.version("softjax-contact")
-    assert told["Python"].split()[0] == platform.python_version()
-    assert (told["float64"], told["compiled programs"]) == ("on", "not stored")
+    rows = (line.split(":", 1) for line in out.splitlines() if ":" in line)
+    entries = {name: text.strip() for name, text in rows}
+    assert entries["jax"] == jax.__version__
+    assert entries["softjax-contact"] == metadata.version("softjax-contact")
+    assert entries["Python"].split()[0] == platform.python_version()
+    assert (entries["float64"], entries["compiled programs"]) == ("on", "not stored")
     assert "self-check passed" in out
     limits = {"energy balance": "1e-13", "its slopes": "1e-09", "time integration": "1e-08"}
     for name, most in limits.items():
-        found, allowed = (part.split()[-1] for part in told[name].split(","))
+        found, allowed = (part.split()[-1] for part in entries[name].split(","))
         assert allowed == most
         assert 0 < float(found) <= float(most)
     assert run("doctor", "--quiet") == (0, "", "")
@@ -89,5 +90,5 @@ def test_doctor_tells_versions_and_checks_itself_by_narrow_limits(at):
 
 
 def test_the_version_is_that_of_the_distribution():
-    told = subprocess.check_output([sys.executable, "-m", "calibration", "--version"], text=True)
-    assert told == f"softjax-contact {metadata.version('softjax-contact')}\n"
+    out = subprocess.check_output([sys.executable, "-m", "calibration", "--version"], text=True)
+    assert out == f"softjax-contact {metadata.version('softjax-contact')}\n"

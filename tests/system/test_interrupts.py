@@ -37,11 +37,11 @@ def signalled(at, monkeypatch):
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=Input(b"velocity\n1.0\n2.0\n")))
         inherited = signal.signal(number, handler)  # tests in the background ignore SIGINT
         try:
-            told = run("--no-cache", *CURVE, "--velocities", "-", "--out", "results", "--quiet")
+            result = run("--no-cache", *CURVE, "--velocities", "-", "--out", "results", "--quiet")
             assert signal.getsignal(number) is handler
         finally:
             signal.signal(number, inherited)
-        return told
+        return result
 
     return said
 

@@ -35,5 +35,5 @@ def test_version_authors_dependencies_and_python_are_told_alike():
     assert authors.strip() == "- name: The softjax authors"
     for name in PROJECT["dependencies"]:
         assert re.fullmatch(r"[a-z0-9]+>=[\d.]+", name), name
-    told = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if ":: 3." in c]
-    assert told[0] == PROJECT["requires-python"].removeprefix(">=")
+    versions = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if ":: 3." in c]
+    assert versions[0] == PROJECT["requires-python"].removeprefix(">=")
