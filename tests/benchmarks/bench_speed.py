@@ -1,7 +1,7 @@
 """Measure everything and write the reference's table and picture of speed: `pytest -n 0 tests/benchmarks/bench_speed.py`.
 
 `softjax speed` measures the library, SciPy's loop and diffrax with events; compiled loops and a
-thousand refits are measured here (`pip install softjax-contact[bench]`), and must be right to be told.
+thousand refits are measured here (`pip install softjax-contact[bench]`), and must be right to be reported.
 The text between the two marks of the page is replaced where all passed.
 """
 
@@ -44,7 +44,7 @@ def reduced(law):
 
 
 @pytest.fixture(scope="module")
-def told():
+def table():
     """What the page is to say, which is written in the end."""
     found = {"rows": [], "refits": {}}
     yield found
@@ -72,7 +72,7 @@ for n, most in VERLET.items():
     LOOPS.append(("velocity Verlet, numba", f"{n} steps", 4096, verlet, most))
 
 
-def test_softjax_speed(told, tmp_path):
+def test_softjax_speed(table, tmp_path):
     measure = [sys.executable, "-m", "calibration", "speed", "--quiet", "--out", tmp_path]
     subprocess.run(measure, check=True)
     numbers = ("microseconds", "largest_error", "gradient_microseconds")
@@ -80,16 +80,16 @@ def test_softjax_speed(told, tmp_path):
     with (tmp_path / "speed.csv").open(newline="", encoding="utf-8") as file:
         for one in csv.DictReader(file):
             each = (float(one[n] or "nan") for n in numbers)
-            told["rows"].append((one["family"], one["setting"], int(one["batch"]), *each))
+            table["rows"].append((one["family"], one["setting"], int(one["batch"]), *each))
 
 
 @pytest.mark.parametrize(("family", "setting", "batch", "function", "most"), LOOPS)
-def test_compiled_loops(benchmark, told, family, setting, batch, function, most):
+def test_compiled_loops(benchmark, table, family, setting, batch, function, most):
     y = np.resize(VELOCITY / float(law().contact.critical_velocity), batch)
     error = float(np.max(np.abs(function(y) - np.resize(PLASTIC, batch))))
     assert error <= most
     each = 1e6 * median(benchmark, lambda: function(y)) / batch
-    told["rows"].append((family, setting, batch, each, error, float("nan")))
+    table["rows"].append((family, setting, batch, each, error, float("nan")))
 
 
 @pytest.fixture(scope="module")
@@ -135,16 +135,16 @@ def scipys_refits(result):
     return np.exp([end.x for end in ends])
 
 
-def test_both_end_at_the_same_minima(result, told):
+def test_both_end_at_the_same_minima(result, table):
     found, others = own_refits(result), scipys_refits(result)
     share = float(np.mean(np.max(np.abs(np.log(found / others)), axis=1) < 1e-4))
     assert share > 0.95
-    told["refits"]["share"] = share
+    table["refits"]["share"] = share
 
 
 @pytest.mark.parametrize("way", [own_refits, scipys_refits])
-def test_a_thousand_refits(benchmark, result, told, way):
-    told["refits"][way.__name__] = median(benchmark, lambda: way(result))
+def test_a_thousand_refits(benchmark, result, table, way):
+    table["refits"][way.__name__] = median(benchmark, lambda: way(result))
 
 
 def write(rows, share, own_refits, scipys_refits) -> None:

@@ -25,13 +25,13 @@ def without_drawing():
 
 def curve(*options, error=None) -> str:
     """What the command prints; with `error` what it must say in one line while it refuses."""
-    code, out, said = run("curve", *options)
+    code, out, err = run("curve", *options)
     if error is None:
-        assert (code, said) == (0, ""), said
+        assert (code, err) == (0, ""), err
         return out
-    assert (code, out, said.count("\n")) == (2, "", 1)
-    assert all(part in said for part in error.split("|")), said
-    return said
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert all(part in err for part in error.split("|")), err
+    return err
 
 
 def rows_of(path) -> list[list[str]]:
@@ -201,7 +201,7 @@ def test_velocities_are_read_from_files_and_standard_input(name, at, monkeypatch
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "said"),
+    ("text", "line", "words"),
     [
         ("0.5\nfast\n", 2, "'fast'|finite number"),
         ("0.5\n\n-1\n", 3, "-1|0 m/s or more"),
@@ -217,9 +217,9 @@ def test_velocities_are_read_from_files_and_standard_input(name, at, monkeypatch
         ("\n".join(["velocity", *["1.5"] * 70_000, "slow"]), 70_002, "'slow'"),
     ],
 )
-def test_what_is_no_velocity_is_refused_with_its_line(text, line, said, at):
+def test_what_is_no_velocity_is_refused_with_its_line(text, line, words, at):
     (at / "v.csv").write_text(text, encoding="utf-8")
-    found = curve("nylon", "--velocities", "v.csv", "--format", "csv", error="v.csv|" + said)
+    found = curve("nylon", "--velocities", "v.csv", "--format", "csv", error="v.csv|" + words)
     assert re.match(r"v\.csv(:\d+)?: ", found)[1] == (line and f":{line}")
     assert [path.name for path in at.iterdir()] == ["v.csv"]
 
@@ -286,9 +286,9 @@ def test_a_fit_gives_its_band_and_says_where_its_data_end(at, above_yield):
     np.testing.assert_allclose(high, band.high, rtol=1e-12)
     agrees(at, result.law, rtol=1e-12)
     beyond = ["--from", 1, "--to", 200, "--points", 12, "--quiet"]
-    code, out, said = run("curve", "--fit", path, *beyond)
+    code, out, error = run("curve", "--fit", path, *beyond)
     assert (code, out) == (0, "")
-    (line,) = [line for line in said.splitlines() if "extrapolation" in line]
+    (line,) = [line for line in error.splitlines() if "extrapolation" in line]
     assert "from 1 to 200 m/s" in line
 
 
@@ -296,9 +296,9 @@ def test_a_table_says_in_its_header_whether_it_goes_beyond_the_data(at, above_yi
     _, path = above_yield
 
     def header(*options) -> str:
-        code, _, said = run("curve", "--fit", path, "--table", "--points", 12, *options)
+        code, _, error = run("curve", "--fit", path, "--table", "--points", 12, *options)
         assert code == 0
-        assert ("extrapolation" in said) == ("extrapolation" in "".join(table(at)[0]))
+        assert ("extrapolation" in error) == ("extrapolation" in "".join(table(at)[0]))
         return " ".join(table(at)[0])
 
     beyond = "the curve goes from 1.5 to 200 m/s, the data of my\\nnylon from 1.5 to 60 m/s"
@@ -312,9 +312,9 @@ def test_a_table_says_in_its_header_whether_it_goes_beyond_the_data(at, above_yi
 def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_yield):
     result, path = above_yield
     grid = ["--from", "0.2", "--to", "20", "--points", "12"]
-    code, _, said = run("curve", "--fit", path, *grid, "--format", "csv", "table", "png")
+    code, _, error = run("curve", "--fit", path, *grid, "--format", "csv", "table", "png")
     assert code == 0
-    assert "not-determined: of 14 velocities" in said
+    assert "not-determined: of 14 velocities" in error
     out, velocity = at / "results", column(at, 0)
     known = velocity >= float(result.law.contact.critical_velocity)
     assert 0 < np.sum(known) < 14
@@ -348,13 +348,13 @@ def test_a_fit_of_two_sizes_is_refused_with_a_law_for_one_size(at):
     data = cal.RestitutionData(np.tile([0.5, 1.0, 2.0], 2), measured, contact, 0.01)
     cal.fit(data, "viscoelastic", profiles=False, starts=1).save(at / "fit.json")
     for words in (("export", "--to", "c"), ("sensitivity",), ("curve",)):
-        code, out, said = run(*words, "--fit", "fit.json")
-        assert (code, out, said.count("\n")) == (2, "", 1)
-        assert "bodies of several sizes" in said
+        code, out, error = run(*words, "--fit", "fit.json")
+        assert (code, out, error.count("\n")) == (2, "", 1)
+        assert "bodies of several sizes" in error
     (at / "one.toml").write_text(BODIES.replace("0.0127", "0.005"), encoding="utf-8")
-    curve("one.toml", *said.partition("FILE.toml ")[2].split(), "--points", "9")
+    curve("one.toml", *error.partition("FILE.toml ")[2].split(), "--points", "9")
     (at / "m.csv").write_text("diameter [mm],velocity,restitution\n10,1,0.9\n20,1,0.8\n")
     rows = '[[material]]\nmaterial = "nylon"\ndata = "m.csv"\n'
     (at / "m.toml").write_text(rows, encoding="utf-8")
-    said = curve("m.toml", "--chi", "0.2", error="'m' has bodies of several sizes")
-    assert said.startswith("m.toml:1: ")
+    error = curve("m.toml", "--chi", "0.2", error="'m' has bodies of several sizes")
+    assert error.startswith("m.toml:1: ")

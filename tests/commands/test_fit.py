@@ -37,9 +37,9 @@ def words(settings: dict[str, Any]) -> list[str]:
     return found
 
 
-def fitted(folder, options=(), settings=None, **told) -> cal.FitResult:
+def fitted(folder, options=(), settings=None, **entries) -> cal.FitResult:
     """What `softjax fit FILE` saves, by a file with these settings."""
-    file = write_alloy(folder, toml(settings or {}), **told)
+    file = write_alloy(folder, toml(settings or {}), **entries)
     with drawn():  # neither laid out nor drawn: that takes longer than these fits
         code, _, err = run("fit", file, *options, "--quiet", "--out", folder / "out")
     result = cal.FitResult.load(folder / "out" / "fit.json")
@@ -47,12 +47,11 @@ def fitted(folder, options=(), settings=None, **told) -> cal.FitResult:
     return result
 
 
-def in_python(settings: dict[str, Any], said=None, second=False):
+def in_python(settings: dict[str, Any], parameters=None, second=False):
     """The same fit by `cal.fit`."""
     data = [noisy(), noisy(0.01, "another", 6.0e7)] if second else noisy()
-    return cal.fit(
-        data, parameters=said, **settings | ({"route": EB} if "route" in settings else {})
-    )
+    settings = settings | ({"route": EB} if "route" in settings else {})
+    return cal.fit(data, parameters=parameters, **settings)
 
 
 @cache

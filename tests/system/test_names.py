@@ -33,7 +33,7 @@ FOLDER = "it's `a` $(b) ü"
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def hostile(tmp_path_factory):
     """All names in one fit: the folder, what the terminal shows, and the report."""
     folder = tmp_path_factory.mktemp("names") / FOLDER
     folder.mkdir()
@@ -48,15 +48,15 @@ def told(tmp_path_factory):
     return folder, out, report, figures["curves.png"]
 
 
-def test_nothing_reaches_the_terminal_but_letters(told):
-    folder, out, *_ = told
+def test_nothing_reaches_the_terminal_but_letters(hostile):
+    folder, out, *_ = hostile
     assert all(line.isprintable() for line in out.replace(str(folder), "").splitlines())
     for shown in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"):
         assert shown in out
 
 
-def test_a_report_has_its_own_structure_alone(told):
-    report = told[2]
+def test_a_report_has_its_own_structure_alone(hostile):
+    report = hostile[2]
     lines = report.splitlines()
     assert all(line.isprintable() for line in lines)
     assert not any("heading" in line for line in lines if line.startswith("#"))
@@ -73,12 +73,12 @@ def test_a_report_has_its_own_structure_alone(told):
         assert f"- **{NAMES[name]}**" in shown
 
 
-def test_a_page_and_a_picture_show_each_name_and_nothing_acts(told):
-    page = Tags((told[0] / "r" / "report.html").read_text(encoding="utf-8"))
+def test_a_page_and_a_picture_show_each_name_and_nothing_acts(hostile):
+    page = Tags((hostile[0] / "r" / "report.html").read_text(encoding="utf-8"))
     assert page.open == page.named("script") == page.named("link") == []
     addresses = [attrs.get("href") or attrs.get("src") for _, attrs in page.tags]
     assert all(one is None or one.startswith("data:image/png;base64,") for one in addresses)
-    figure = told[3]
+    figure = hostile[3]
     figure.draw_without_rendering()
     titles = [ax.get_title().replace("\\$", "$").strip("\u200b") for ax in figure.axes]
     for name in ("script", "entity", "image", "reference", "cell", "code", "dollars"):
@@ -86,9 +86,9 @@ def test_a_page_and_a_picture_show_each_name_and_nothing_acts(told):
         assert NAMES[name] in titles
 
 
-def test_the_line_of_the_report_is_the_command_again(told):
+def test_the_line_of_the_report_is_the_command_again(hostile):
     """A shell reads the words that were given."""
-    folder, _, report, _ = told
+    folder, _, report, _ = hostile
     line = next(line for line in report.splitlines() if "softjax fit " in line)
     command = re.search(r"(`+) ?(.*?) ?\1(?!`)", line)[2]
     printed = subprocess.run(
@@ -98,8 +98,8 @@ def test_the_line_of_the_report_is_the_command_again(told):
     assert found == ["softjax", "fit", str(folder / "m.toml"), "--out", str(folder / "r")]
 
 
-def test_a_table_for_particle_codes_has_rows_of_numbers_alone(told):
-    folder = told[0]
+def test_a_table_for_particle_codes_has_rows_of_numbers_alone(hostile):
+    folder = hostile[0]
     for name in (r"steel\n9 0.5 0 0 0 0", "# heading"):
         words = ["--fit", folder / "r" / "fit.json", "--material", name, "--table", "--points", 5]
         code, out, error = run("--no-cache", "curve", *words, "--out", folder / "c")

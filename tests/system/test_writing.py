@@ -48,12 +48,12 @@ def test_a_full_disk_costs_the_files_and_not_the_report(most, alloy, tmp_path):
     out.mkdir()
     (out / "fit.json").write_text("old")
     with files_of_at_most(most):
-        code, told, error = run("--no-cache", "fit", alloy, "--out", out)
+        code, printed, error = run("--no-cache", "fit", alloy, "--out", out)
     assert code == 3
     assert error == f"softjax: {str(out)!r} could not be written to (File too large)\n"
-    assert "my alloy" in told
-    assert "converged" in told
-    assert str(out) not in told
+    assert "my alloy" in printed
+    assert "converged" in printed
+    assert str(out) not in printed
     assert {path.name: path.read_text() for path in out.iterdir()} == {"fit.json": "old"}
     assert os.listdir(tmp_path) == ["results"]
 
@@ -68,9 +68,9 @@ def test_a_full_disk_costs_the_files_and_not_the_report(most, alloy, tmp_path):
 def test_other_commands_tell_what_they_found(words, found, alloy, tmp_path):
     words = [str(alloy) if word == "ALLOY" else word for word in words]
     with files_of_at_most(100):
-        code, told, error = run("--no-cache", *words, "--out", tmp_path / "results")
+        code, printed, error = run("--no-cache", *words, "--out", tmp_path / "results")
     assert (code, error.count("\n")) == (3, 1)
-    assert found in told
+    assert found in printed
     assert list(tmp_path.iterdir()) == []
 
 
@@ -95,8 +95,8 @@ def test_an_impossible_place(place, tmp_path, monkeypatch):
     (tmp_path / "folder" / "curve.csv").mkdir(parents=True)
     before = sorted(tmp_path.rglob("*"))
     out = place if place.startswith("/") else tmp_path / place
-    code, told, error = run("--no-cache", *CURVE, "--format", "csv", "--out", out)
-    assert (code, told, error.count("\n")) == (PLACES[place][0], "", 1)
+    code, printed, error = run("--no-cache", *CURVE, "--format", "csv", "--out", out)
+    assert (code, printed, error.count("\n")) == (PLACES[place][0], "", 1)
     assert PLACES[place][1].format(tmp_path) in error
     assert sorted(tmp_path.rglob("*")) == before
     assert (tmp_path / "file").read_text() == "mine"
@@ -123,8 +123,10 @@ def test_a_folder_without_permission(tmp_path):
             folder.chmod(0o755)
     (tmp_path / "closed").mkdir(0o555)
     with without_rights():
-        code, told, error = run("--no-cache", "fit", file, "--out", tmp_path / "closed" / "results")
-    assert (code, told, error.count("\n")) == (3, "", 1)
+        code, printed, error = run(
+            "--no-cache", "fit", file, "--out", tmp_path / "closed" / "results"
+        )
+    assert (code, printed, error.count("\n")) == (3, "", 1)
     assert "permission" in error.lower()
     assert str(tmp_path / "closed") in error
 
