@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from calibration.errors import DataError, did_you_mean, listed, shown
-from calibration.schema import Strict, accepted, choices
+from calibration.schema import Strict, choices, faults
 
 LAWS = (
     "zhou",
@@ -297,9 +297,9 @@ def _parsed(name: str, text: str) -> Any:
     try:
         value = adapter.validate_python(text, strict=False)
         return text if value is None else value  # "none": None is left out
-    except ValidationError:
+    except ValidationError as error:
         words = _words(name)
-        known = f"one of {listed(words)}" if words else accepted(FitOptions, (name,))
+        known = f"one of {listed(words)}" if words else next(faults(error, FitOptions)).accepted
         problem = f"{shown(repr(text))} is not {known}{did_you_mean(text, words)}"
         raise argparse.ArgumentTypeError(problem) from None
 

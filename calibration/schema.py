@@ -3,21 +3,17 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema
+from pydantic.fields import FieldInfo
 
 from calibration.errors import DataError, did_you_mean
 
-NOUNS = {
-    "integer": "a whole number",
-    "number": "a number",
-    "boolean": "true or false",
-    "string": "a text",
-    "array": "a list",
-    "object": "a table",
-}
-MOST = 9  # words that a refusal lists
+NOUNS = {"model_type": "a table", "dict_type": "a table", "string_type": "a text"}
+NOUNS |= {"list_type": "a list", "bool_type": "true or false", "int_type": "a whole number"}
+NOUNS["int_from_float"] = "a whole number"
+MOST = 200  # characters of what is accepted
 Model = TypeVar("Model", bound="Strict")
 # a number, or NaN, which JSON writes as null
 Real = Annotated[
@@ -64,104 +60,59 @@ def faults(error: ValidationError, model: type[BaseModel]) -> Iterator[DataError
 
 
 def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
-    """One of pydantic's errors as a `DataError`."""
-    place, schema = _walk(model, fault["loc"])
-    value, known = fault["input"], words(schema)
+    """One of pydantic's errors as a `DataError`, its place as `fits[0].rms`."""
+    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in fault["loc"])
+    value, (field, _) = fault["input"], _walk(model, fault["loc"])
+    known = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    known = NOUNS.get(fault["type"], known)
+    if fault["type"] == "literal_error":  # as TOML has words and truth values
+        known = known.replace("'", '"').replace("True, False", "true, false")
     if fault["type"] == "missing":
         value, known = "missing", "there"
     elif fault["type"] == "extra_forbidden":
-        known = "left out: it is not known"
-        known += did_you_mean(str(fault["loc"][-1]), known_below(model, fault["loc"][:-1]))
-        return DataError(place, "there", known)
-    elif fault["type"] == "value_error":
-        known = fault["msg"].removeprefix("Value error, ")
-    if isinstance(fault["input"], str):
-        known += did_you_mean(value, known.split('"'))
+        near = did_you_mean(str(fault["loc"][-1]), known_below(model, fault["loc"][:-1]))
+        value, known = "there", f"left out: it is not known{near}"
+    elif fault["type"] != "value_error" and field is not None:
+        known = (field.json_schema_extra or {}).get("accepted", known)  # type: ignore[union-attr]
+    if isinstance(fault["input"], str) and value != "there":
+        known = known[:MOST] + "…" * (len(known) > MOST) + did_you_mean(value, known.split('"'))
         value = f'"{value}"'
-    return DataError(place, value, known)
+    return DataError(place.lstrip("."), value, known)
 
 
 def known_below(model: type[BaseModel], place: tuple[Any, ...]) -> list[str]:
     """The keys that a table may have."""
-    return list(_walk(model, place)[1].get("properties", {}))
-
-
-def accepted(model: type[BaseModel], place: tuple[Any, ...]) -> str:
-    """Describe what a field accepts."""
-    return words(_walk(model, place)[1])
-
-
-def _walk(model: type[BaseModel], place: Iterable[Any]) -> tuple[str, Mapping[str, Any]]:
-    """A place as `fits[0].rms`, without pydantic's names of alternatives, and its schema."""
-    root = schema_of(model)
-    name, schema = "", cast(Mapping[str, Any], root)
-    for part in place:
-        below = (_inner(_resolved(branch, root), part) for branch in _parts(schema))
-        inner = next(filter(None, below), None)
-        if inner is None and part not in _resolved(schema, root).get("properties", {part: 0}):
-            name = f"{name}.{part}"  # an unknown key
-        if inner is not None:
-            name += f"[{part}]" if isinstance(part, int) else f".{part}"
-            schema = inner
-    return name.lstrip("."), _resolved(schema, root)
-
-
-def _inner(schema: Mapping[str, Any], part: Any) -> Mapping[str, Any] | None:
-    """The schema of an entry, None where there is none."""
-    if isinstance(part, int):
-        items = schema.get("prefixItems", [])
-        return items[part] if part < len(items) else schema.get("items")
-    more = schema.get("additionalProperties")
-    return schema.get("properties", {}).get(part) or (more if isinstance(more, dict) else None)
-
-
-@cache
-def schema_of(model: type[BaseModel]) -> dict[str, Any]:
-    """The JSON Schema of a model."""
-    return model.model_json_schema()
+    below = _walk(model, place)[1]
+    return [] if below is None else list(below.model_fields)
 
 
 def choices(model: type[BaseModel], name: str) -> tuple[Any, ...]:
     """The words that a field may be, without null; empty for other fields."""
-    return tuple(w for p in _parts(schema_of(model)["properties"][name]) for w in _enum(p))
-
-
-def words(schema: Mapping[str, Any]) -> str:
-    """Describe what a JSON Schema accepts, without null, which means a missing value."""
-    if "accepted" in schema:
-        return schema["accepted"]
-    return " or ".join(dict.fromkeys(_words(part) for part in _parts(schema)))
-
-
-def _parts(schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    schema = _schema_of(model)["properties"][name]
     parts = schema.get("anyOf", [schema])
-    return [part for part in parts if part.get("type") != "null"]
+    words = [word for p in parts for word in p.get("enum", [p["const"]] if "const" in p else [])]
+    return tuple(word for word in words if word is not None)
 
 
-def _words(schema: Mapping[str, Any]) -> str:
-    if _enum(schema):
-        allowed = [str(x).lower() if isinstance(x, bool) else f'"{x}"' for x in _enum(schema)]
-        more = f" or {len(allowed) - MOST} more" if len(allowed) > MOST else ""
-        return " or ".join(allowed[:MOST]) + more
-    noun = NOUNS.get(schema.get("type", ""), "a value")
-    lowest, highest = schema.get("minimum"), schema.get("maximum")
-    above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
-    if above is not None and below is not None:
-        return f"{noun} between {above:g} and {below:g}"
-    if lowest is not None and highest is not None:
-        return f"{noun} in [{lowest:g}, {highest:g}]"
-    if above == 0:
-        return noun.replace("a ", "a positive ", 1)
-    return noun if lowest is None else f"{noun} of {lowest:g} or more"
+@cache
+def _schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
 
 
-def _enum(schema: Mapping[str, Any]) -> list[Any]:
-    values = schema.get("enum", [schema["const"]] if "const" in schema else [])
-    return [value for value in values if value is not None]
+def _walk(
+    model: type[BaseModel], place: Iterable[Any]
+) -> tuple[FieldInfo | None, type[BaseModel] | None]:
+    """The innermost field of a place, and the model that is its value or an entry of it."""
+    field, below = None, cast(type[BaseModel] | None, model)
+    for part in place:
+        if below is not None and part in below.model_fields:
+            field = below.model_fields[part]
+            below = next(_models(field.annotation), None)
+    return field, below
 
 
-def _resolved(schema: Mapping[str, Any], root: Mapping[str, Any]) -> Mapping[str, Any]:
-    parts = _parts(schema)
-    if len(parts) == 1 and "$ref" in parts[0]:
-        return root["$defs"][parts[0]["$ref"].rpartition("/")[2]]
-    return schema
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for inner in get_args(annotation):
+        yield from _models(inner)
