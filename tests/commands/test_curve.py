@@ -242,7 +242,7 @@ def test_a_table_has_two_rows_where_restitution_jumps(at):
     assert above[2] ** 2 == pytest.approx(1 + 2 * d / 3, rel=1e-9)
 
 
-def test_a_table_has_durations_overlaps_and_forces(at):
+def test_a_table_has_durations_overlaps_and_forces_where_there_is_a_force(at):
     """Elastic impacts by Hertz's formulas; the duration's factor is published."""
     contact = pair("nylon")
     critical, depth = float(contact.critical_velocity), float(contact.critical_overlap)
@@ -258,16 +258,10 @@ def test_a_table_has_durations_overlaps_and_forces(at):
         assert duration == pytest.approx(2.9432751843 * deepest / velocity, rel=1e-9)
         assert force == pytest.approx(stiffness * deepest**1.5, rel=1e-12)
     assert found[1, 4] == pytest.approx(0.5**0.8 * depth, rel=1e-12)
-
-
-def test_a_law_without_a_force_has_two_columns(at):
     curve(*CONSTANT, "--from", 1, "--to", 2, "--points", 2, "--spacing", "lin", "--table")
     header, found = table(at)
     assert header[-1] == "# velocity[m/s] restitution"
     np.testing.assert_array_equal(found, [[1.0, 0.75], [2.0, 0.75]])
-
-
-def test_a_table_needs_ascending_velocities(at):
     for text in ("1\n1\n", "2\n1\n", "1\n2\n2\n3\n"):
         (at / "v.csv").write_text(text, encoding="utf-8")
         curve(*CONSTANT, "--velocities", "v.csv", "--table", error="ascend")
@@ -292,7 +286,9 @@ def test_a_fit_gives_its_band_and_says_where_its_data_end(at, above_yield):
     assert "from 1 to 200 m/s" in line
 
 
-def test_a_table_says_in_its_header_whether_it_goes_beyond_the_data(at, above_yield):
+def test_curve_band_and_table_agree_on_what_the_data_do_not_determine_and_where_they_end(
+    at, above_yield
+):
     _, path = above_yield
 
     def header(*options) -> str:
@@ -307,9 +303,6 @@ def test_a_table_says_in_its_header_whether_it_goes_beyond_the_data(at, above_yi
     assert "all rows lie within the velocities of the fit's data" in header(
         "--from", "1.4999", "--to", "60.01"
     )
-
-
-def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_yield):
     result, path = above_yield
     grid = ["--from", "0.2", "--to", "20", "--points", "12"]
     code, _, error = run("curve", "--fit", path, *grid, "--format", "csv", "table", "png")

@@ -18,7 +18,7 @@ import calibration as cal
 import softjax as sj
 from calibration.observables import predicted
 from tests.decay import Decay
-from tests.fit.test_hard_fits import SOFT, across_yield, sticking, yielding_apart
+from tests.fit.test_hard_fits import yielding_apart
 from tests.fit_data import TRUTH, pair, y_values
 
 PAIR = pair("nylon")
@@ -239,40 +239,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say(name, sets):
         assert found.ratio[label] == pytest.approx(1, abs=3.3 / np.sqrt(2 * sets)), label
         if name.startswith("velocities"):
             assert abs(found.bias[label]) < 0.2 + 3.3 / np.sqrt(sets) * (sets < 100), label
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["specimens in blocks", "8 points"])
-def test_bands_of_predictions_hold_one_more_impact(name):
-    """Of a specimen not seen before where there are any."""
-    case, inside = cal.CoverageCase(name, **{"options": QUICK} | CASES[name]), 0
-    for k in range(300):
-        data, other = (case.data(np.random.default_rng((seed, k))) for seed in (7, 8))
-        band = case.fit(data).band(data.velocity[7], kind="prediction")
-        inside += float(band.low) <= other.restitution[7] <= float(band.high)
-    low, high = stats.binom.interval(0.999, 300, 0.95)
-    assert low <= inside <= high
-
-
-HARD = {  # of which standard errors say little: data by a seed, parameter, its truth and start
-    "sticking": (lambda seed: sticking(seed)[0], "chi", 0.6, None),
-    "strength": (
-        across_yield,
-        "contact.yield_strength",
-        float(SOFT.yield_strength),
-        cal.Parameter(),
-    ),
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", HARD)
-def test_intervals_of_hard_fits_hold_the_truth(name):
-    """At least 34 of 40: fewer are the case once in 1000 where 95 % hold."""
-    data, parameter, truth, start = HARD[name]
-    fits = (cal.fit(data(seed), parameters=start and {parameter: start}) for seed in range(40))
-    ends = np.array([fit.intervals[parameter] for fit in fits])
-    assert np.sum((ends[:, 0] <= truth) & (truth <= ends[:, 1])) >= 34
 
 
 def test_what_simulated_sets_say_is_what_they_are_made_of():

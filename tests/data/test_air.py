@@ -132,7 +132,7 @@ def test_errors_follow_the_derivatives(kind):
                 np.testing.assert_allclose(found, by, rtol=2e-5, atol=2e-6)
 
 
-def test_a_restitution_computed_as_if_in_vacuum_is_corrected_and_one_in_air_is_not():
+def test_a_restitution_as_if_in_vacuum_is_corrected_and_one_in_air_or_measured_directly_is_not():
     options = {"diameter": 6e-3, "mass": 1.3e-4}
     table = TABLES["heights"]
     in_air = cal.RestitutionData.from_table(table, **options)
@@ -141,6 +141,15 @@ def test_a_restitution_computed_as_if_in_vacuum_is_corrected_and_one_in_air_is_n
         with_restitution = {**table, "restitution": given.restitution}
         data = cal.RestitutionData.from_table(with_restitution, **options)
         np.testing.assert_allclose(data.restitution, in_air.restitution, rtol=1e-14)
+    speeds = {"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, 1.6]}
+    options = {"diameter": 6e-3, "mass": 1.3e-4}
+    data = cal.RestitutionData.from_table(speeds, **options)
+    np.testing.assert_array_equal(data.restitution, [0.8, 0.8])
+    assert data.errors.by_drag is None
+    assert not any("air" in note for note in data.remarks)
+    heavy = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, mass=100.0)
+    bare = cal.RestitutionData.from_table(TABLES["heights"], air=False, **options)
+    np.testing.assert_allclose(heavy.restitution, bare.restitution, rtol=1e-7)
 
 
 def test_drag_enters_all_points_by_one_coefficient():
@@ -159,18 +168,6 @@ def test_drag_enters_all_points_by_one_coefficient():
     every = cal.RestitutionData.from_table(repeats, **options)
     mean = every.averaged()
     np.testing.assert_allclose(mean.errors.by_drag, every.errors.by_drag[1:])
-
-
-def test_what_is_measured_in_a_vacuum_or_directly_stays():
-    speeds = {"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, 1.6]}
-    options = {"diameter": 6e-3, "mass": 1.3e-4}
-    data = cal.RestitutionData.from_table(speeds, **options)
-    np.testing.assert_array_equal(data.restitution, [0.8, 0.8])
-    assert data.errors.by_drag is None
-    assert not any("air" in note for note in data.remarks)
-    heavy = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, mass=100.0)
-    bare = cal.RestitutionData.from_table(TABLES["heights"], air=False, **options)
-    np.testing.assert_allclose(heavy.restitution, bare.restitution, rtol=1e-7)
 
 
 def test_the_ball_is_that_of_the_bodies_or_of_a_contact_with_a_wall():

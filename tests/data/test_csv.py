@@ -98,11 +98,3 @@ def test_a_hundred_thousand_rows_are_read_as_they_stand(read):
     np.testing.assert_array_equal(data.restitution, np.delete(e, 70_000))
     assert data.groups == ("s0", "s1", "s2")
     assert data.origin.lines[70_000] == 70_003
-
-
-@pytest.mark.long
-def test_a_million_rows(read):
-    v = 0.5 + np.arange(1_000_000) % 1000 / 1000
-    data = read("v,e,u\n".replace("u", "uncertainty") + "".join(f"{x},0.8,0.01\n" for x in v))
-    np.testing.assert_array_equal(data.velocity, v)
-    assert data.origin.lines[-1] == 1_000_001

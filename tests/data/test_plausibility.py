@@ -174,7 +174,7 @@ def test_balls_that_fell_on_a_ball(columns, falls, tmp_path):
 
 
 def test_percent_taken_twice_velocities_beyond_all_guns_and_restitutions_above_one():
-    """All ε below 0.02; 5 km/s; more above 1 than chance would put there."""
+    """All ε below 0.02; 5 km/s; more above 1 than chance would put there; bounce trains are groups already."""
     assert of(VELOCITY, RESTITUTION * 0.0199 / RESTITUTION[0]) == ["percent"]
     assert of(VELOCITY, RESTITUTION * 0.0201 / RESTITUTION[0]) == []
     assert of(VELOCITY * 1001, RESTITUTION) == ["velocity"]
@@ -187,6 +187,8 @@ def test_percent_taken_twice_velocities_beyond_all_guns_and_restitutions_above_o
     for count, above, warns in ((100, 65, True), (100, 64, False), (9, 9, True), (8, 8, False)):
         expected = ["above-one"] if warns else []
         assert of(velocity[:count], np.where(np.arange(count) < above, 1.01, 0.99)) == expected
+    table = {"interval": np.tile(0.5 * 0.9 ** np.arange(5), 3), "launch": np.repeat([1, 2, 3], 5)}
+    assert cal.plausibility(cal.RestitutionData.from_table(table)) == ()
 
 
 ASCENDING = np.array([1.0, 2.0, 3.0, 4.0])
@@ -212,8 +214,3 @@ def test_velocities_that_restart_look_like_groups(velocity, is_doubted):
     restitution = 0.9 - 0.02 * velocity
     assert of(velocity, restitution) == (["groups"] if is_doubted else [])
     assert of(velocity, restitution, group=[i // 4 for i in range(len(velocity))]) == []
-
-
-def test_bounce_trains_are_groups_already():
-    table = {"interval": np.tile(0.5 * 0.9 ** np.arange(5), 3), "launch": np.repeat([1, 2, 3], 5)}
-    assert cal.plausibility(cal.RestitutionData.from_table(table)) == ()

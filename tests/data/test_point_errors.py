@@ -67,8 +67,8 @@ def test_errors_enter_as_finite_differences_have_it(kind):
     np.testing.assert_allclose(data.velocity_uncertainty, np.linalg.norm(to_v, axis=1), **close)
 
 
-def test_one_uncertainty_of_both_numbers_or_of_one():
-    """`velocity_uncertainty` beside two velocities is of both; what has none is exact, and told."""
+def test_one_uncertainty_of_both_numbers_or_of_one_and_of_a_rebound_of_zero_height():
+    """`velocity_uncertainty` beside two velocities is of both; what has none is exact."""
     speeds = {"v_in": [2.0, 4.0], "v_out": [1.8, 3.2]}
     both = READ(speeds, velocity_uncertainty=0.02)
     # √(0.02² + (ε 0.02)²)/v_in
@@ -81,6 +81,11 @@ def test_one_uncertainty_of_both_numbers_or_of_one():
     np.testing.assert_allclose(one.uncertainty, [0.005 / (2 * 0.8)], rtol=1e-12)
     assert one.velocity_uncertainty is None
     assert any("drop_height" in remark and "exact" in remark for remark in one.remarks)
+    table = {"drop_height": [1.0, 1.0], "rebound_height": [0.0, 0.0025 / 4]}
+    data = READ(table, rebound_height_uncertainty=0.0025)
+    np.testing.assert_allclose(data.uncertainty, [0.05, 0.05])  # √(0.0025/1), the slope at u/4
+    exact = READ(table)
+    assert exact.uncertainty is None
 
 
 def test_timing_that_is_not_told_is_one_unknown_size():
@@ -118,14 +123,6 @@ def test_uncertainties_of_points_come_on_top_of_what_is_shared():
     # stated for each ε and nothing of the timing: nothing is left to be estimated
     stated = covariance_of(READ(table, uncertainty=0.01), SLOPE)
     np.testing.assert_array_equal(stated, 1e-4 * np.eye(2))
-
-
-def test_a_rebound_of_zero_height_is_as_uncertain_as_a_height_of_its_uncertainty():
-    table = {"drop_height": [1.0, 1.0], "rebound_height": [0.0, 0.0025 / 4]}
-    data = READ(table, rebound_height_uncertainty=0.0025)
-    np.testing.assert_allclose(data.uncertainty, [0.05, 0.05])  # √(0.0025/1), the slope at u/4
-    exact = READ(table)
-    assert exact.uncertainty is None
 
 
 def test_points_in_any_order_have_the_same_covariances():

@@ -6,7 +6,6 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from scipy import stats
 
 import calibration as cal
 import softjax as sj
@@ -26,7 +25,7 @@ class Frame:
         return np.asarray(self._table[name])
 
 
-def test_arrays_are_float64_copies_that_cannot_be_written():
+def test_arrays_are_copies_labels_have_their_order_and_print_tells_what_it_is():
     velocity = np.array([1, 2, 3], dtype=np.int32)
     data = cal.RestitutionData(velocity, [0.9, 0.8, Decimal("0.7")], uncertainty=0.01)
     velocity[0] = 7
@@ -37,9 +36,28 @@ def test_arrays_are_float64_copies_that_cannot_be_written():
         data.velocity[0] = 0.0
     table = {"velocity [cm/s]": [12, 29], "restitution": [0.9, 0.8], "group": ["a", "b"]}
     assert READ(Frame(table), PAIR) == READ(table, PAIR)
+    data = cal.RestitutionData([1.0, 2.0, 3.0], [0.9, 0.8, 0.7], group=[7, 2.0, 7])
+    assert list(data.group) == ["7", "2", "7"]
+    assert data.groups == ("7", "2")
+    np.testing.assert_array_equal(data.group_index, [0, 1, 0])
+    assert cal.RestitutionData([1.0], [0.9]).groups == ()
+    text = repr(cal.RestitutionData([0.1, 2.0], [0.9, 0.8], PAIR, name="my alloy"))
+    for words in [
+        "my alloy",
+        "2 points",
+        "0.1 to 2 m/s",
+        "0.8 to 0.9",
+        "not stated",
+        "with contact",
+    ]:
+        assert words in text
+    grouped = repr(cal.RestitutionData([0.1, 2.0], [0.9, 0.8], group=["a", "b"], uncertainty=0.01))
+    assert "2 groups" in grouped
+    assert "not stated" not in grouped
+    assert "no contact" in grouped
 
 
-def test_sets_that_differ_in_one_thing_differ():
+def test_sets_that_differ_in_one_thing_differ_and_errors_are_one_statement():
     fields = {"velocity": [0.1, 2.0], "restitution": [0.9, 0.8], "contact": PAIR, "uncertainty": 0.01}  # fmt: skip
     same = cal.RestitutionData(**fields)
     assert same == cal.RestitutionData(**fields)
@@ -49,43 +67,6 @@ def test_sets_that_differ_in_one_thing_differ():
     pairs = [*changed.items(), ("remarks", ("x",)), ("contact", None), ("contact", other)]
     for name, value in (*pairs, ("uncertainty", None), ("uncertainty", [0.01, 0.02])):
         assert same != cal.RestitutionData(**fields | {name: value}), name
-
-
-def test_one_limit_velocity_in_the_contact_and_beside_it():
-    data = cal.RestitutionData([1.0], [0.9], PAIR)
-    assert data.limit_velocity == pytest.approx(math.sqrt(3 * 3.10e8 / 8030), rel=1e-14)
-    stated = cal.RestitutionData([1.0], [0.9], PAIR, limit_velocity=250)
-    assert stated.limit_velocity == stated.contact.limit_velocity == 250.0
-    assert stated.contact.yield_strength == PAIR.yield_strength
-    assert len(cal.RestitutionData([np.nextafter(2.0, 0.0)], [0.0], limit_velocity=2.0)) == 1
-
-
-def test_printed_data_tells_what_it_is():
-    text = repr(cal.RestitutionData([0.1, 2.0], [0.9, 0.8], PAIR, name="my alloy"))
-    for words in (
-        "my alloy",
-        "2 points",
-        "0.1 to 2 m/s",
-        "0.8 to 0.9",
-        "not stated",
-        "with contact",
-    ):
-        assert words in text
-    grouped = repr(cal.RestitutionData([0.1, 2.0], [0.9, 0.8], group=["a", "b"], uncertainty=0.01))
-    assert "2 groups" in grouped
-    assert "not stated" not in grouped
-    assert "no contact" in grouped
-
-
-def test_groups_are_labels_in_the_order_of_their_appearance():
-    data = cal.RestitutionData([1.0, 2.0, 3.0], [0.9, 0.8, 0.7], group=[7, 2.0, 7])
-    assert list(data.group) == ["7", "2", "7"]
-    assert data.groups == ("7", "2")
-    np.testing.assert_array_equal(data.group_index, [0, 1, 0])
-    assert cal.RestitutionData([1.0], [0.9]).groups == ()
-
-
-def test_errors_and_the_two_uncertainties_are_one_statement():
     errors = cal.PointErrors.alone(2, np.array([0.01, 0.02]), np.array([0.1, 0.2]))
     data = cal.RestitutionData([1.0, 2.0], [0.9, 0.8], errors=errors)
     stated = {"uncertainty": [0.01, 0.02], "velocity_uncertainty": [0.1, 0.2]}
@@ -96,6 +77,23 @@ def test_errors_and_the_two_uncertainties_are_one_statement():
     # variance of each point: u² + (dε/dv u_v)²
     expected = [0.01**2 + (2 * 0.1) ** 2, 0.02**2 + (3 * 0.2) ** 2]
     np.testing.assert_allclose(np.diag(covariance_of(data, [2.0, 3.0])), expected, rtol=1e-12)
+
+
+def test_one_limit_velocity_absurd_numbers_and_restitutions_above_one():
+    """Warnings are errors in these tests."""
+    data = cal.RestitutionData([1.0], [0.9], PAIR)
+    assert data.limit_velocity == pytest.approx(math.sqrt(3 * 3.10e8 / 8030), rel=1e-14)
+    stated = cal.RestitutionData([1.0], [0.9], PAIR, limit_velocity=250)
+    assert stated.limit_velocity == stated.contact.limit_velocity == 250.0
+    assert stated.contact.yield_strength == PAIR.yield_strength
+    assert len(cal.RestitutionData([np.nextafter(2.0, 0.0)], [0.0], limit_velocity=2.0)) == 1
+    huge = cal.RestitutionData([1e300, 1e-300], [1e-300, 0.0], uncertainty=[1e140, 1e-140])
+    assert len(huge.averaged()) == 2
+    data = cal.RestitutionData([1.0, 2.0], [0.9, 1.01], remarks=("seen",))
+    assert data.restitution[1] == 1.01
+    assert data.notes[0] == "seen"
+    assert "1 of 2" in data.notes[1]
+    assert "0.01" in data.notes[1]
 
 
 @pytest.mark.parametrize("name", ["interval", "time"])
@@ -138,12 +136,6 @@ def test_bounces_follow_each_other_within_a_launch():
         assert data.remarks[0].startswith("1 launch(es)")
 
 
-def test_absurd_numbers_raise_no_warning():
-    """Warnings are errors in these tests."""
-    huge = cal.RestitutionData([1e300, 1e-300], [1e-300, 0.0], uncertainty=[1e140, 1e-140])
-    assert len(huge.averaged()) == 2
-
-
 EMBEDDED = {  # Table 1 of Zhou (2013): σ, ψ, and where the panels of Fig. 2 end [v_cr]
     "stainless steel": (sj.STAINLESS_STEEL, 3.0432, 0.5400, 250),
     "chrome steel": (sj.CHROME_STEEL, 0.1418, 0.3114, 25),
@@ -165,34 +157,12 @@ def test_the_embedded_data_are_eq_17_over_the_ranges_of_the_paper():
         np.testing.assert_allclose(data.restitution, np.exp(-sigma * y**psi), rtol=1e-13)
 
 
-def test_restitutions_above_one_are_noted_and_never_clipped():
-    data = cal.RestitutionData([1.0, 2.0], [0.9, 1.01], remarks=("seen",))
-    assert data.restitution[1] == 1.01
-    assert data.notes[0] == "seen"
-    assert "1 of 2" in data.notes[1]
-    assert "0.01" in data.notes[1]
-
-
-@pytest.mark.parametrize("fall", [0.0, 0.01])
-@pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_honest_sets_near_one_are_read(fall, noise):
-    """At most 1 of 100 sets of 5 to 60 points is refused."""
-    rng, refused = np.random.default_rng(1), 0
-    for count in rng.integers(5, 60, 200):
-        velocity = np.sort(rng.uniform(0.05, 8.0, count))
-        measured = np.abs(1 - fall * velocity**0.3 + noise * rng.standard_normal(count))
-        try:
-            cal.RestitutionData(velocity, measured)
-        except cal.DataError:
-            refused += 1
-    assert refused <= 2
-
-
 @pytest.mark.parametrize("count", [1, 5, 30])
 def test_one_gross_error_is_refused_by_its_place(count):
     velocity = np.arange(1.0, count + 1)
     restitution = 0.95 + 0.01 * np.sin(7 * velocity)
     restitution[count // 2] = 1.501
+    assert len(cal.RestitutionData(velocity, np.minimum(restitution, 1.499))) == count
     with pytest.raises(cal.DataError, match=rf"restitution\[{count // 2}\]"):
         cal.RestitutionData(velocity, restitution)
     with pytest.raises(cal.DataError, match=r"percent.*\[%\]"):
@@ -208,7 +178,7 @@ REPEATED = {
 POOLED = math.sqrt(0.0016 / 3)  # s² = (2 · 0.02² of three + 0.04²/2 of two) / 3
 
 
-def test_repeats_are_averaged_with_the_scatter_of_all():
+def test_repeats_are_averaged_with_the_scatter_of_all_or_by_weight_and_within_groups():
     data = cal.RestitutionData(**REPEATED, contact=PAIR, name="steel").averaged()
     np.testing.assert_array_equal(data.velocity, [1.0, 2.0, 3.0])
     np.testing.assert_allclose(data.restitution, [0.92, 0.82, 0.70], rtol=1e-14)
@@ -216,9 +186,6 @@ def test_repeats_are_averaged_with_the_scatter_of_all():
     np.testing.assert_allclose(data.uncertainty, expected, rtol=1e-12)
     assert data.degrees == 3  # six readings less three velocities
     assert (data.name, data.contact) == ("steel", PAIR)
-
-
-def test_repeats_with_stated_uncertainties_are_weighted():
     stated = {"uncertainty": [0.01, 0.02, 0.03], "velocity_uncertainty": 0.1}
     data = cal.RestitutionData([1.0, 1.0, 2.0], [0.9, 0.8, 0.7], **stated).averaged()
     # (0.9 · 10⁴ + 0.8 · 2500)/12500, 1/√12500; velocities have the weights of their restitutions
@@ -227,6 +194,18 @@ def test_repeats_with_stated_uncertainties_are_weighted():
     expected = [0.1 * math.hypot(0.8, 0.2), 0.1]
     np.testing.assert_allclose(data.velocity_uncertainty, expected, rtol=1e-12)
     assert data.degrees is None
+    data = cal.RestitutionData(**REPEATED, group=list("abaabb")).averaged()
+    # 1 m/s: b 0.90, a 0.92, b 0.94; 2 m/s: a 0.80 and 0.84; 3 m/s: b
+    s = math.sqrt((2 * 0.02**2 + 2 * 0.02**2) / 2)
+    expected = {("a", 1.0): (0.92, s), ("b", 1.0): (0.92, s / math.sqrt(2))}
+    expected |= {("a", 2.0): (0.82, s / math.sqrt(2)), ("b", 3.0): (0.7, s)}
+    columns = zip(data.group, data.velocity, data.restitution, data.uncertainty, strict=True)
+    found = {(group, v): (e, u) for group, v, e, u in columns}
+    assert list(data.velocity) == [1.0, 1.0, 2.0, 3.0]
+    assert found.keys() == expected.keys()
+    for key, pair in expected.items():
+        assert found[key] == pytest.approx(pair, rel=1e-9)
+    assert data.degrees == 2
 
 
 def test_what_a_point_shares_between_its_two_numbers_outlives_averaging():
@@ -243,55 +222,19 @@ def test_what_a_point_shares_between_its_two_numbers_outlives_averaging():
     assert expected[0] < 0.7 * apart  # a drop from higher up lowers ε and raises v
 
 
-def test_repeats_of_different_groups_stay_apart():
-    data = cal.RestitutionData(**REPEATED, group=list("abaabb")).averaged()
-    # 1 m/s: b 0.90, a 0.92, b 0.94; 2 m/s: a 0.80 and 0.84; 3 m/s: b
-    s = math.sqrt((2 * 0.02**2 + 2 * 0.02**2) / 2)
-    expected = {("a", 1.0): (0.92, s), ("b", 1.0): (0.92, s / math.sqrt(2))}
-    expected |= {("a", 2.0): (0.82, s / math.sqrt(2)), ("b", 3.0): (0.7, s)}
-    columns = zip(data.group, data.velocity, data.restitution, data.uncertainty, strict=True)
-    found = {(group, v): (e, u) for group, v, e, u in columns}
-    assert list(data.velocity) == [1.0, 1.0, 2.0, 3.0]
-    assert found.keys() == expected.keys()
-    for key, pair in expected.items():
-        assert found[key] == pytest.approx(pair, rel=1e-9)
-    assert data.degrees == 2
-
-
-def test_averaging_without_repeats_or_scatter_finds_no_uncertainty():
+def test_what_is_not_averaged():
     single = cal.RestitutionData([2.0, 1.0], [0.8, 0.9]).averaged()
     np.testing.assert_array_equal(single.velocity, [1.0, 2.0])
     np.testing.assert_array_equal(single.restitution, [0.9, 0.8])
     alike = cal.RestitutionData([1.0] * 3 + [2.0], [0.1 + 0.2] * 3 + [0.8]).averaged()
     for data in (single, alike):
         assert (data.uncertainty, data.degrees) == (None, None)
-
-
-def test_single_bounces_of_launches_are_averaged_and_trains_are_not():
     single = {"interval": [0.8, 0.72, 0.8, 0.7], "launch": [1, 1, 2, 2], "group": ["x"] * 4}
     assert len(READ(single).averaged()) == 1  # nothing is shared
     longer = {"interval": [0.8, 0.72, 0.65, 0.8, 0.7], "launch": [1, 1, 1, 2, 2]}
     with pytest.raises(cal.DataError, match=r"repeats.*sequences"):
         READ(longer).averaged()
-
-
-def test_contacts_of_other_bodies_at_each_impact_are_not_averaged():
     radius = np.array([0.001, 0.01])
     pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, radius, radius)
     with pytest.raises(ValueError, match=r"contact.*single numbers"):
         cal.RestitutionData([1.0, 2.0], [0.9, 0.8], pair).averaged()
-
-
-@pytest.mark.parametrize("repeats", [2, 5])
-def test_the_pooled_error_with_its_degrees_of_freedom_holds_the_mean(repeats):
-    """95 % t intervals of 2000 means: the share that holds the truth is binomial about 95 %."""
-    rng, sets = np.random.default_rng(repeats), 250
-    inside = []
-    for _ in range(sets):
-        velocity = np.repeat(np.arange(1.0, 9.0), repeats)
-        noise = 0.02 * rng.standard_normal(len(velocity))
-        data = cal.RestitutionData(velocity, 0.9 - 0.05 * velocity + noise).averaged()
-        reach = stats.t.ppf(0.975, data.degrees) * data.uncertainty
-        inside.append(np.abs(data.restitution - (0.9 - 0.05 * data.velocity)) <= reach)
-    # means of one set share their s: their number counts less, by at most the 8 of a set
-    assert abs(np.mean(inside) - 0.95) < 2.6 * math.sqrt(0.95 * 0.05 / (sets * 8 / 2))

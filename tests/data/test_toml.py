@@ -119,14 +119,6 @@ def test_repeats_are_averaged_on_request(read_toml):
     assert len(read_toml(entry("average_repeats = false", properties=""), REPEATS)[0]) == 4
 
 
-def test_a_unit_in_the_file_goes_with_any_in_the_header(read_toml):
-    """Where a bare number would be refused, which may be meant in either."""
-    csv = "h0 [cm],h1 [cm]\n50,32\n"
-    (data,) = read_toml(entry('height_uncertainty = "2 mm"', properties=""), csv)
-    (same,) = read_toml(entry(properties=""), "h0 [cm],h1 [cm],u_h [mm]\n50,32,2\n")
-    assert data.uncertainty[0] == same.uncertainty[0]
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_material_files_as_editors_save_them(read_toml, encoding, newline):
@@ -158,18 +150,14 @@ value = 3
 """
 
 
-@pytest.fixture
-def problem(tmp_path):
-    def read(toml):
+def test_parameters_and_settings_of_a_file(tmp_path):
+    """A number fixes; what is said of one material goes before what is said of all."""
+
+    def problem(toml):
         (tmp_path / "m.csv").write_text("velocity,restitution\n0.12,0.95\n3.0,0.7\n")
         (tmp_path / "m.toml").write_text(toml, encoding="utf-8")
         return cal.read_problem(tmp_path / "m.toml")
 
-    return read
-
-
-def test_parameters_of_a_material(problem):
-    """A number fixes; what is said of one material goes before what is said of all."""
     (parameters,) = problem(OF_ALL + entry(properties="") + OF_ONE).parameters
     assert parameters == {
         "psi": cal.Parameter(0.5, free=False),
@@ -182,9 +170,6 @@ def test_parameters_of_a_material(problem):
         "xi": cal.Parameter(0.4),
     }
     assert math.copysign(1, parameters["zeta"].value) == 1
-
-
-def test_settings(problem):
     options = {
         "law": "zhou", "objective": "model", "optimiser": "levenberg-marquardt", "route": "ode",
         "rtol": 1e-8, "seed": 7, "starts": 32, "form": "full", "kappa": "printed", "area": "hertz",

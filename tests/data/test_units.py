@@ -122,15 +122,12 @@ def test_gravity(unit, size, read_toml):
     assert data.velocity[0] == pytest.approx(1.272792206, rel=1e-9)  # √1.62
 
 
-def test_numbers_with_their_unit_as_text(read_toml):
+def test_numbers_with_their_unit_as_text_and_the_double_nearest_to_a_decimal(read_toml):
+    """So repeats told in cm/s and in m/s are repeats."""
     text = '[[material]]\ndata = "m.csv"\nvelocity_uncertainty = "{}"\n'
     for quantity, expected in (("5 %", 0.1), ("+1.5e1 mm/s", 0.015), (" 25mm/s ", 0.025)):
         (data,) = read_toml(text.format(quantity))
         assert data.velocity_uncertainty[1] == pytest.approx(expected, rel=1e-14)
-
-
-def test_a_decimal_in_another_unit_is_the_double_nearest_to_it():
-    """So repeats told in cm/s and in m/s are repeats."""
     values = [12, 29, 57, 36]
     table = {"velocity [cm/s]": values, "e": [0.9] * 4, "u_v [mm/s]": [1, 2, 3, 7]}
     data = cal.RestitutionData.from_table(table)

@@ -30,15 +30,12 @@ def test_every_public_name_has_its_place_with_its_docstring(built, package):
         assert 'class="docstring"' in place, name
 
 
-def test_chapters_and_notebooks_are_pages(built):
+def test_chapters_and_notebooks_are_pages_with_links_between_them(built):
     pages = {path.stem for path in built.glob("*.html")}
     assert {"index", "readme", "changelog", "how_it_works", "6_sensitivity"} <= pages
     text = (built / "6_sensitivity.html").read_text(encoding="utf-8")
     assert text.count("data:image/png;base64,") == 3
     assert "<math" in text  # formulas need nothing of the web
-
-
-def test_links_between_chapters_become_links_between_pages(built):
     text = (built / "readme.html").read_text(encoding="utf-8")
     assert 'href="measurements.html"' in text
     assert 'src="figures/curves.png"' in text
@@ -61,17 +58,13 @@ def test_every_option_of_a_command_is_told(command):
     assert options - documented == {"--help"}
 
 
-def test_every_warning_is_documented():
-    """The codes that the source lists with their advice."""
+def test_every_warning_and_every_law_with_its_parameters_is_documented():
     source = (CHAPTERS.parents[1] / "calibration" / "fitting" / "warnings.py").read_text("utf-8")
     (table,) = re.findall(r"^ADVICE.*?= \{$(.*?)^\}$", source, re.M | re.S)
     codes = re.findall(r'^    "([a-z0-9-]+)":', table, re.M)
     text = (CHAPTERS / "symptoms.md").read_text(encoding="utf-8")
     assert len(codes) > 15
     assert [code for code in codes if f"`{code}`" not in text] == []
-
-
-def test_every_law_is_told_with_its_parameters():
     text = (CHAPTERS / "laws.md").read_text(encoding="utf-8")
     rows = [row.split(" | ") for row in text.splitlines() if row.startswith("| `")]
     laws = {row[1].strip("`"): set(re.findall(r"`(\w+)`", row[2])) for row in rows if len(row) == 5}
@@ -81,7 +74,7 @@ def test_every_law_is_told_with_its_parameters():
     }
 
 
-def test_a_dead_link_is_found(tmp_path):
+def test_a_dead_link_and_a_silent_name_are_found(tmp_path, monkeypatch):
     (tmp_path / "a.html").write_text('<a href="b.html#x">b</a><a href="#y">y</a>')
     (tmp_path / "b.html").write_text('<p id="z"><a href="c.html"><img src="data:,">')
     assert links.dead(tmp_path) == [
@@ -89,9 +82,6 @@ def test_a_dead_link_is_found(tmp_path):
         "a.html: #y leads nowhere",
         "b.html: c.html leads nowhere",
     ]
-
-
-def test_a_silent_name_is_found(monkeypatch):
     (module,) = [one for one in names.modules().values() if one.modulename == "softjax"]
     monkeypatch.setattr(module.members["restitution"], "docstring", "")
     assert "softjax.restitution" in list(names.undocumented())

@@ -69,20 +69,14 @@ def test_pages_and_notebooks_are_in_plain_words(path):
     assert idioms(prose(path)) == []
 
 
-def test_messages_are_in_plain_words():
-    """In which "beside" may have its ordinary sense."""
+def test_messages_docstrings_and_comments_are_in_plain_words():
+    """Of messages "beside" may have its ordinary sense."""
     found = {
         path.relative_to(ROOT).as_posix(): [w for w in idioms(messages(path)) if "beside" not in w]
         for path in MODULES
     }
     assert {name: words for name, words in found.items() if words} == {}
-
-
-def test_docstrings_and_comments_are_in_plain_words():
     found = {p.relative_to(ROOT).as_posix(): idioms(explanations(p)) for p in MODULES}
     assert {name: words for name, words in found.items() if words} == {}
-
-
-def test_the_idiom_is_noticed():
     assert idioms("No error is told of it") == ["No error is told of it"]
     assert idioms("The file's own units") == []

@@ -87,9 +87,9 @@ def scene(atoms: dict[str, str], boundary: str, settings, steps: int, rebound: s
     ]
 
 
-def build(folder: Path, **environment: str) -> None:
+def build(folder: Path) -> None:
     """The plugin of an export, without a warning of the compiler."""
-    command, variables = ["sh", str(folder / "build.sh")], ENVIRONMENT | environment
-    ended = subprocess.run(command, env=variables, capture_output=True, text=True)
+    command = ["sh", str(folder / "build.sh")]
+    ended = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
     assert "warning" not in ended.stderr

@@ -225,26 +225,6 @@ def test_a_restart_has_room_for_the_contacts_of_every_process(plugin):
         np.testing.assert_allclose(found, whole, rtol=0, atol=1e-13)
 
 
-BALL = f"""# for fix deposit
-
-1 atoms
-
-Coords
-
-1 0 0 0
-
-Types
-
-1 1
-
-Diameters
-
-1 {2 * RADIUS}
-
-Masses
-
-1 {DENSITY * 4 / 3 * np.pi * RADIUS**3}
-"""
 POUR = (
     f"fix more all pour 200 1 4711 region above vol 0.2 50 dens {DENSITY} {DENSITY} "
     f"vel -.5 .5 -.5 .5 -2 diam poly 2 {2 * RADIUS} 0.5 {RADIUS} 0.5"
@@ -254,14 +234,6 @@ LARGER = (
 )
 FILLED = {  # how, and how many spheres there are in the end
     "pour": ([POUR, "run 20000"], 200),
-    "deposit": (
-        [
-            "molecule ball in.ball",
-            "fix more all deposit 60 0 100 4711 region above mol ball vz -2 -2 near 0.026",
-            "run 40000",
-        ],
-        60,
-    ),
     "creation during a run": (
         [
             f"create_atoms 1 single 0 0 {RADIUS / 2 + 1e-5}",
@@ -278,7 +250,6 @@ FILLED = {  # how, and how many spheres there are in the end
 def test_a_box_is_filled(how, plugin):
     """From nothing or by smaller spheres: none is lost, none falls through; warnings at the end."""
     fills, count = FILLED[how]
-    (plugin[0] / "in.ball").write_text(BALL, encoding="utf-8")
     lines = [
         *SPHERES,
         "boundary p p f",
@@ -333,15 +304,6 @@ def test_what_the_plugin_cannot_do_is_refused(line, other, said, plugin):
     code, output = output_of(text.replace(line, other).splitlines(), plugin[0])
     assert code != 0
     assert said in output
-
-
-@long
-def test_it_will_not_load_into_another_version(tmp_path):
-    cal.export(STEEL, "lammps", tmp_path, velocity_range=RANGE, law="exact", steps=100)
-    build(tmp_path, LAMMPS_VERSION="20220101")
-    code, out = output_of(impact(1.0, LOAD, 1), tmp_path)
-    assert code != 0
-    assert "softjax plugin was built for LAMMPS 20220101" in out
 
 
 @long

@@ -85,7 +85,7 @@ def test_times_and_forces_are_rows_of_the_likelihood(data, result):
     assert fixed.covariance_names == NAMES[1:]
 
 
-def test_what_else_was_measured_has_a_table(data, result):
+def test_table_problem_and_leave_one_out_are_of_the_same_density(data, result):
     _, time, force = shown(*(result.values[name] for name in NAMES))
     exact = time, force[5:]
     off = [one.value / at - 1 for one, at in zip(data.observed, exact, strict=True)]
@@ -100,9 +100,6 @@ def test_what_else_was_measured_has_a_table(data, result):
     assert forces[4] == "stated"
     chi_squared = np.sum((off[1] / U) ** 2) / 14.85  # a stiffness of 35 rows
     assert [float(x) for x in forces[3::2]] == pytest.approx([of_forces, chi_squared], rel=0.03)
-
-
-def test_problem_and_leave_one_out_are_the_same_density(data, result):
     problem = cal.problem(data, "walton-braun", SPRINGS)
     assert problem.noises == ("noise", "contact_time_noise")
     values = (2.8e6, 4.4e6, 0.013, 0.03)

@@ -256,7 +256,7 @@ def test_calls_that_do_not_fit(name):
     assert "\n" not in str(caught.value)
 
 
-def test_ends_of_ranges_are_accepted():
+def test_ends_of_ranges_are_accepted_and_stored_as_floats():
     assert CALLS["Material"](poisson_ratio=0.5).poisson_ratio == 0.5
     assert CALLS["Material"](poisson_ratio=-0.99).poisson_ratio == -0.99
     assert sj.restitution(CALLS["Zhou"](chi=0, sigma=0), 0).coefficient == 1
@@ -264,6 +264,11 @@ def test_ends_of_ranges_are_accepted():
     assert CALLS["Linear"](restitution=1).restitution == 1
     assert sj.restitution(LAW, np.ma.array([0.1, 0.2], mask=False)).coefficient.shape == (2,)
     assert sj.restitution(LAW, np.longdouble(0.1)).coefficient.dtype == np.float64
+    material = sj.Material(2, [0.1, 0.2], np.float32(3), (4, 5))
+    assert isinstance(material.youngs_modulus, float)
+    assert np.array_equal(material.poisson_ratio, [0.1, 0.2])
+    assert material.yield_strength.dtype.kind == "f"
+    assert list(LAWS["zhou"].law.contact.leaves())[:2] == ["youngs_modulus", "radius"]
 
 
 FORMULAS = {"empirical": ("velocity", "sigma"), "thornton": ("velocity", "yield_factor")}
@@ -361,11 +366,3 @@ def test_what_is_shared_by_all_impacts_must_be_finite_and_keeps_its_whole_number
         Declared(np.full(3, 0.5), np.ones(2))
     with pytest.raises(ValueError, match="`end` must be 'near' or 'far'"):
         Declared(0.5, end="beside")
-
-
-def test_what_is_given_is_stored_as_floats():
-    material = sj.Material(2, [0.1, 0.2], np.float32(3), (4, 5))
-    assert isinstance(material.youngs_modulus, float)
-    assert np.array_equal(material.poisson_ratio, [0.1, 0.2])
-    assert material.yield_strength.dtype.kind == "f"
-    assert list(LAWS["zhou"].law.contact.leaves())[:2] == ["youngs_modulus", "radius"]

@@ -113,13 +113,10 @@ def upwards(edges, levels, of=part):
     return [f"{a} imports {b}" for a, b in edges if levels[of(b)] > levels[of(a)]]
 
 
-def test_every_module_has_its_layer():
+def test_every_module_has_its_layer_and_imports_downwards_in_no_cycle():
     assert {part(name) for name in SOFTJAX} <= set(LEVEL)
     assert {part(name) for name in CALIBRATION} == set(FLOOR)
     assert len(FLOORS) <= 8
-
-
-def test_modules_import_downwards_and_in_no_cycle():
     assert len(EDGES) > 20
     assert ("fitting.traceable", "fitting.collisions") in CALIBRATION_EDGES
     assert ("commands.fit", "fitting.result") in CALIBRATION_EDGES  # inside a function
@@ -132,22 +129,16 @@ def test_modules_import_downwards_and_in_no_cycle():
         has_no_cycle([("a", "b"), ("b", "c"), ("c", "a")])
 
 
-def test_the_two_routes_share_the_law_and_nothing_else():
+def test_routes_share_the_law_alone_one_file_talks_to_diffrax_and_calibration_uses_public_names():
     for name, target in EDGES:
         for route, names in ROUTES.items():
             others = set().union(*(v for k, v in ROUTES.items() if k != route))
             assert not (name in names and target in others), f"{name} imports {target}"
-
-
-def test_one_file_talks_to_diffrax_and_none_to_calibration():
     users = {
         name: {one.split(".")[0] for one in taken(path)} & {"diffrax", "calibration"}
         for name, path in SOFTJAX.items()
     }
     assert {name: used for name, used in users.items() if used} == {"engine.bridge": {"diffrax"}}
-
-
-def test_calibration_uses_public_names_alone():
     for name, path in CALIBRATION.items():
         private = {part(one) for one in imported(path, "softjax")} & set(LEVEL)
         assert private <= {"laws", "fields", "batching", "many_body"}, f"calibration.{name}"
@@ -184,16 +175,12 @@ def test_importing_changes_no_setting_and_nothing_heavy_is_imported_before_it_is
     assert "diffrax" in integrated
 
 
-def test_no_module_takes_a_name_from_the_package_it_is_in():
-    """The package would have to be whole before its parts."""
+def test_every_public_name_is_what_it_says_and_no_module_takes_one_from_its_own_package():
+    """A package would have to be whole before its parts; a module of a public name would take its place."""
     for name, path in CALIBRATION.items():
         package = name.rpartition(".")[0]
         names = {t for t in imported(path, "calibration") if t.rpartition(".")[0] == package}
         assert not package or names <= CALIBRATION.keys(), f"{name} imports {names}"
-
-
-def test_every_public_name_is_what_it_says_after_every_module_was_imported():
-    """A module of a public name would take its place once it is imported."""
     for name in CALIBRATION:
         if name != "__main__":
             importlib.import_module(f"calibration.{name}")

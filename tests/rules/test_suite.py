@@ -69,13 +69,10 @@ def test_a_seed_draws_the_same_again(project):
     assert broken not in drawn([broken, *every], 99, random.Random(0), project)
 
 
-def test_equivalents_are_read_by_file_and_both_lines():
+def test_equivalents_are_read_by_file_and_both_lines_and_still_stand_in_their_files():
     text = "# by hand\n\nmodule.py\n- a = 1\n+ a = 2\n= never read\n"
     assert equivalents(text) == {("module.py", "a = 1", "a = 2")}
     assert equivalents("# none\n") == set()
-
-
-def test_real_equivalents_still_stand_in_their_files():
     equal = equivalents(mutants.EQUIVALENT.read_text(encoding="utf-8"))
     files = {file for file, *_ in equal}
     every = [

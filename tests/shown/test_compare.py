@@ -23,8 +23,8 @@ def score(value):
     return "–" if value is None else f"{value:.1f}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def test_every_cell_of_the_table(compared):
-    """As compare.json has them, which are the comparison's own numbers in Python."""
+def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
+    """As compare.json has them; AIC, BIC and rms of two parameters; elpd about lnL less two."""
     header, *rows = terminal_table(compared.out, "law  ")
     assert header == HEADER
     assert compared.code == 0
@@ -54,10 +54,6 @@ def test_every_cell_of_the_table(compared):
         assert f"! {code}: {'; '.join(names)}." in text
     assert "Only `softjax fit` uses these entries of the file: profiles" in text
     assert all(len(line) <= 100 for line in compared.out.partition("\nWritten")[0].splitlines())
-
-
-def test_scores_of_the_winner_are_those_of_scipys_fit(compared):
-    """AIC, BIC and rms of two parameters; elpd about lnL less two."""
     made = ranking(compared)[0]
     x, covariance, chi_squared = best()
     log_likelihood = -0.5 * chi_squared - 24 * np.log(0.01 * np.sqrt(2 * np.pi))
@@ -71,9 +67,6 @@ def test_scores_of_the_winner_are_those_of_scipys_fit(compared):
     assert growth["value"] == pytest.approx(x[1] * scale, rel=1e-5)
     assert growth["standard_error"] == pytest.approx(np.sqrt(covariance[1, 1]) * scale, rel=1e-3)
     assert (growth["unit"], k1["unit"], k1["free"]) == ("1/m", "N/m", False)
-
-
-def test_fitted_parameters_stand_with_errors_and_units(compared):
     lines = [line for line in compared.out.splitlines() if line.startswith("Walton–Braun")]
     (fitted,) = (cells(line)[1] for line in lines if len(cells(line)) == 2)
     growth = ranking(compared)[0]["parameters"]["growth"]["standard_error"]
@@ -134,7 +127,7 @@ def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path
     assert settings["options"] == {"end": "zero-force"}
 
 
-def test_exact_data_have_no_scores_and_json_no_nan(tmp_path):
+def test_exact_data_have_no_scores_and_a_fit_that_did_not_converge_is_named(tmp_path):
     """What is undefined is null."""
     rows = "\n".join(f"{v},{0.8}" for v in VELOCITY)
     path = write(tmp_path)
@@ -147,9 +140,6 @@ def test_exact_data_have_no_scores_and_json_no_nan(tmp_path):
     ] * 6
     assert "NaN" not in exact.text("compare.json")
     assert exact.out == ""
-
-
-def test_a_fit_that_did_not_converge_is_named(tmp_path):
     few = ("--law", "walton-braun", "--law", "hertz", "--max-steps", "1")
     made = shown(tmp_path, "compare", write(tmp_path), *few)
     assert made.code == 1

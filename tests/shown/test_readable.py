@@ -16,8 +16,7 @@ STEEL = sj.STAINLESS_STEEL
 SMALL, LARGE = 0.004, 0.012  # radii [m]
 
 
-@pytest.fixture(scope="module")
-def two_sizes():
+def test_residuals_have_the_colour_of_their_size_and_a_unit_stands_at_value_and_interval(tmp_path):
     """Viscoelastic spheres of two sizes: ε differs."""
     radius = np.repeat([SMALL, LARGE], 6)
     contact = sj.Contact.between_spheres(STEEL, STEEL, radius, radius)
@@ -25,10 +24,7 @@ def two_sizes():
     law = sj.ViscoelasticHertz(contact, 1e-6)
     noise = 0.002 * np.tile([1.0, -1.0], 6)
     data = cal.RestitutionData(v, np.asarray(sj.restitution(law, v).coefficient) + noise, contact)
-    return cal.fit(data, sj.ViscoelasticHertz, profiles=False)
-
-
-def test_residuals_have_the_colour_of_their_size(two_sizes, tmp_path):
+    two_sizes = cal.fit(data, sj.ViscoelasticHertz, profiles=False)
     with drawn() as figures:
         two_sizes.report(tmp_path / "out")
     upper, lower = figures["curves.png"].axes
@@ -42,6 +38,10 @@ def test_residuals_have_the_colour_of_their_size(two_sizes, tmp_path):
     for points, rows in zip(of_size, (slice(0, 6), slice(6, 12)), strict=True):
         np.testing.assert_allclose(points.get_xdata(), data.velocity[rows])
     assert "95 %, of the mean" in labels(upper)
+    sentence = " ".join(str(two_sizes).split())
+    values, interval = sentence.split(" (95 % interval ")[:2]
+    assert values.endswith(" s")
+    assert interval.split(")")[0].endswith(" s")
 
 
 def test_residuals_of_groups_have_colours_and_markers(tmp_path):
@@ -69,13 +69,6 @@ def test_pictures_are_narrow_enough_for_a_telephone(alloy, main_job, compared, s
     for job in (alloy, main_job, compared, studied):
         assert job.figures
         assert all(figure.get_figwidth() <= 6.5 for figure in job.figures.values())
-
-
-def test_a_unit_stands_at_the_value_and_at_the_interval(two_sizes):
-    sentence = " ".join(str(two_sizes).split())
-    values, interval = sentence.split(" (95 % interval ")[:2]
-    assert values.endswith(" s")
-    assert interval.split(")")[0].endswith(" s")
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.0005])

@@ -14,9 +14,9 @@ BALL = {"diameter": 6e-3, "density": 1140.0}
 QUICK = {"profiles": False, "starts": 4}
 
 
-@pytest.fixture(scope="module")
-def data():
-    """Drops of a 6 mm nylon ball from 5 cm to 2 m, ε 0.85 with a scatter of 0.004."""
+def test_the_error_of_the_drag_is_shared_by_all_points_and_absent_in_a_vacuum():
+    """Generalised least squares with V = u² + 0.1² w wᵀ, and the likelihood with c as it is."""
+    # drops of a 6 mm nylon ball from 5 cm to 2 m, ε 0.85 with a scatter of 0.004
     drop = np.geomspace(0.05, 2.0, N)
     table = {"drop_height": drop, "rebound_height": 0.7 * drop}
     exact = cal.RestitutionData.from_table(table, **BALL)
@@ -25,11 +25,7 @@ def data():
     # rebounds with which the corrected ε is 0.85 and its noise, to first order
     off = (0.85 + noise - exact.restitution) / exact.restitution
     table["rebound_height"] = 0.7 * drop * (1 + off) ** 2
-    return cal.RestitutionData.from_table(table, uncertainty=U, **BALL)
-
-
-def test_the_error_of_the_drag_is_shared_by_all_points(data):
-    """Generalised least squares with V = u² + 0.1² w wᵀ, and the likelihood with c as it is."""
+    data = cal.RestitutionData.from_table(table, uncertainty=U, **BALL)
     result = cal.fit(data, "constant", **QUICK)
     by_eps, by_v = data.errors.by_drag.T
     e, slower = data.restitution, by_v / data.velocity
@@ -54,9 +50,6 @@ def test_the_error_of_the_drag_is_shared_by_all_points(data):
     found = jax.jit(lambda x: (problem.log_likelihood(x), problem.log_prior(x)))(theta)
     assert found[0] == pytest.approx(density, rel=1e-9)
     assert found[1] == pytest.approx(stats.norm.logpdf(0.05, 0, 0.1))
-
-
-def test_flights_in_a_vacuum_have_no_drag():
     bare = cal.RestitutionData.from_table(
         {"drop_height": [0.5, 0.8, 1.2], "rebound_height": [0.3, 0.5, 0.7]}, air=False, **BALL
     )

@@ -47,8 +47,8 @@ def width(result):
     return high - low
 
 
-def test_the_table_prints_the_interval_and_what_is_known(data, result):
-    """No ± where the standard error describes no interval, with profiles and without."""
+def test_table_and_profile_have_the_interval_of_scipy(data, result):
+    """No ± where the standard error describes no interval; χ² with ε_up refitted at its ends."""
     for fit in (result, cal.fit(data, profiles=False)):
         assert fit.estimates["chi"].skewed
         assert fit.standard_errors["chi"] > 0
@@ -62,10 +62,6 @@ def test_the_table_prints_the_interval_and_what_is_known(data, result):
     known = float(cause.partition("in their middle, ")[2].partition(" ±")[0])
     assert known == pytest.approx(float(band.coefficient), abs=0.1 * float(band.standard_error))
     assert band.standard_error < 0.002
-
-
-def test_the_profile_is_scipy_s(data, result):
-    """χ² with ε_up refitted at its ends."""
     numbers = fit_oracle.numbers(data.contact)
     ratio = float(data.contact.critical_velocity) / float(data.contact.limit_velocity)
 
@@ -97,8 +93,8 @@ def test_the_lower_of_two_minima_is_found():
     assert result.values["chi"] == pytest.approx(6.71, abs=0.05)
 
 
-def test_bootstrap_and_comparison_agree(data, result):
-    """Within a tenth of the interval's width."""
+def test_bootstrap_comparison_band_and_plan_agree(data, result):
+    """One more drop from the same height scatters as those measured did; none is planned from low down."""
     near = 0.1 * width(result)
     found = result.bootstrap(200, seed=1)
     assert np.median(found.values[:, 0]) == pytest.approx(result.values["chi"], abs=near)
@@ -111,10 +107,6 @@ def test_bootstrap_and_comparison_agree(data, result):
     assert comparison["Zhou"].intervals["chi"] == pytest.approx(
         (low, high), abs=0.01 * (high - low)
     )
-
-
-def test_band_and_plan_take_the_errors_of_heights(data, result):
-    """One more drop from the same height scatters as those measured did; none is planned from low down."""
     low, high = np.min(data.velocity), np.max(data.velocity)
     one = result.band(np.array([low, high]), kind="prediction")
     mean = result.band(np.array([low, high]))

@@ -82,8 +82,8 @@ def test_information_of_the_model_is_that_of_least_squares():
     np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-5)
 
 
-def test_above_yield_the_losses_are_one_number_however_they_are_written():
-    """χ̃ is as well known beside σ and ψ, which are not, as beside ε_up."""
+def test_directions_are_told_in_words_and_the_losses_above_yield_are_one_number():
+    """χ̃ is as well known with σ and ψ, which are not, as with ε_up; of one velocity a e^{-bv} alone is known."""
     v = np.linspace(2.0, 80.0, 12) * CRITICAL
     by_eps_up = cal.fisher_information(LAW, v, 0.003)
     assert (by_eps_up.names, by_eps_up.symbols) == (("chi", "eps_up"), ("χ̃", "ε_up"))
@@ -91,10 +91,6 @@ def test_above_yield_the_losses_are_one_number_however_they_are_written():
     assert by_both.relative_errors["sigma"] is by_both.relative_errors["psi"] is None
     expected = by_eps_up.relative_errors["chi"]
     assert by_both.relative_errors["chi"] == pytest.approx(expected, rel=1e-6)
-
-
-def test_directions_are_told_in_words():
-    """σ and ψ are not separate at noise 0.01; of one velocity a e^{-bv} alone is known."""
     v = np.concatenate([np.linspace(0.1, 0.9, 10), np.linspace(2, 80, 20)]) * CRITICAL
     words = cal.fisher_information(LAW, v, 0.01).words
     assert "σ and ψ only together" in words[-1]

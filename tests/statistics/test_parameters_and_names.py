@@ -103,14 +103,11 @@ def decays(count, **options):
     return sets
 
 
-def test_a_group_named_like_a_data_set_outside_it_is_refused():
+def test_a_group_may_have_the_name_of_one_of_its_data_sets_and_of_no_other(tmp_path):
     """Its parameter and that of the data set would both be "rate[a]"."""
     parameters = {f"rate[{name}]": cal.Parameter(shared="a") for name in "bc"}
     with pytest.raises(ValueError, match=r"`shared of rate` must be .*no data set.*, but is a$"):
         cal.fit(decays(3), Decay, parameters, **QUICK)
-
-
-def test_a_group_may_have_the_name_of_one_of_its_data_sets(tmp_path):
     parameters = {f"rate[{name}]": cal.Parameter(shared="a") for name in "ab"}
     result = cal.fit(decays(3), Decay, parameters, **QUICK)
     assert len(set(result.covariance_names)) == len(result.covariance_names) == 5

@@ -332,7 +332,7 @@ def draws():
     return drawn(level=(0.92, 0.02), rate=(0.3, 0.04), noise=(0.05, 0.002))
 
 
-def test_a_band_of_draws_is_their_quantiles(decay, draws):
+def test_a_band_and_fits_at_draws_are_of_the_draws(decay, draws):
     rates = values_of(draws, "rate")[:, None]
     curves = values_of(draws, "level")[:, None] * np.exp(-rates * VELOCITY)
     found = decay.band(VELOCITY, confidence=0.8, draws=draws)
@@ -347,6 +347,12 @@ def test_a_band_of_draws_is_their_quantiles(decay, draws):
             decay.band(VELOCITY, confidence=confidence, draws=draws)
     with pytest.raises(ValueError, match="`draws` must be of the posterior of this fit"):
         decay.band(VELOCITY, draws=drawn(restitution=(0.9, 0.01)))
+    fits, which = decay.at_draws(draws, 3), [0, 300, 599]
+    for name in ("rate", "level"):
+        found = [getattr(f.law, name) for f in fits]
+        np.testing.assert_array_equal(found, values_of(draws, name)[which])
+    with pytest.raises(ValueError, match="`count` must be a whole number from 1 to 600"):
+        decay.at_draws(draws, 601)
 
 
 def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):
@@ -375,8 +381,7 @@ def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):
     assert legend(figure) == ["draws", "fit", "diverged", "the fit's interval"]
 
 
-def test_pictures_of_many_parameters_are_no_wider_than_others(decay):
-    """Powers of ten stand in the labels; correlations of 16 have ellipses on both sides."""
+def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overlap(decay):
     names = [f"p{k}" for k in range(16)]
     figure = posterior_figure(drawn(**dict.fromkeys(names[:8], (3e8, 1e6))))
     assert figure.get_figwidth() <= 6.4
@@ -390,10 +395,6 @@ def test_pictures_of_many_parameters_are_no_wider_than_others(decay):
     figure = correlation_figure(result)
     assert figure.get_figwidth() <= 6.4
     assert len(figure.axes[0].patches) == 16 * 15
-
-
-def test_names_of_eight_parameters_of_two_data_sets_do_not_overlap():
-    """Nor leave the picture."""
     owners = ("aluminium alloy 7075", "stainless steel 316")
     names = [f"p{k}[{owner}]" for owner in owners for k in range(4)]
     figure = posterior_figure(drawn(**dict.fromkeys(names, (0.3, 0.1))))
@@ -421,30 +422,16 @@ def test_one_more_measurement_has_the_tails_of_its_noise(dof):
         assert np.mean(band.high - band.low) / 2 == pytest.approx(reach, rel=0.1)
 
 
-def test_a_fit_at_draws_has_their_laws(decay, draws):
-    fits, which = decay.at_draws(draws, 3), [0, 300, 599]
-    for name in ("rate", "level"):
-        found = [getattr(f.law, name) for f in fits]
-        np.testing.assert_array_equal(found, values_of(draws, name)[which])
-    with pytest.raises(ValueError, match="`count` must be a whole number from 1 to 600"):
-        decay.at_draws(draws, 601)
-
-
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """A fit of a constant and draws, as the commands read them; and the draws."""
-    folder = tmp_path_factory.mktemp("draws")
+def test_curves_sensitivities_and_designs_are_over_the_draws(tmp_path):
+    """θ ∂ε/∂θ of a constant is ε itself."""
+    folder = tmp_path
     data = cal.RestitutionData(V, 0.9 + 0.05 * np.cos(V))
     cal.fit(data, "constant", profiles=False).save(folder / "fit.json")
     data = drawn(restitution=(0.8, 0.03), noise=(0.05, 0.002))
     data.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     (folder / "other.nc").write_text("no netCDF")
     given = ("--fit", folder / "fit.json", "--posterior", folder / "posterior.nc")
-    return folder, given, values_of(data, "restitution")
-
-
-def test_the_curve_s_band_is_that_of_the_draws(files):
-    folder, given, values = files
+    values = values_of(data, "restitution")
     places = ("--from", "1", "--to", "2", "--points", "3")
     where = (*places, "--format", "csv", "--out", folder / "out")
     assert run("curve", *given, *where)[0] == 0
@@ -456,11 +443,6 @@ def test_the_curve_s_band_is_that_of_the_draws(files):
     code, _, err = run("curve", *given[:3], folder / "other.nc", "--out", folder / "no")
     assert code == 2
     assert "other.nc: no draws can be read" in err
-
-
-def test_sensitivities_and_designs_are_over_the_draws(files):
-    """θ ∂ε/∂θ of a constant is ε itself."""
-    folder, given, values = files
     code, out, _ = run("sensitivity", *given, "--out", folder / "local")
     assert code == 0
     table = json.loads((folder / "local" / "sensitivity.json").read_text())["local"]["limits"]

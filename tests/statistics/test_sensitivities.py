@@ -75,15 +75,12 @@ def test_fields_of_a_law_agree_with_differences_in_40_digits():
     check_slopes(found, LEAVES, expected)
 
 
-def test_other_laws_depend_on_dimensionless_groups_alone():
+def test_other_laws_depend_on_dimensionless_groups_and_nothing_is_nan_but_the_logarithm_of_zero():
     contact = fitted("nylon").contact
     for law in (sj.WaltonBraun(contact, 3e6, 4e6, 60.0), sj.ViscoelasticHertz(contact, 1e-5)):
         others = cal.sensitivity(law, VELOCITY)  # of kg, N/m, 1/m and s
         np.testing.assert_allclose(others.dimensional_sums(), 0, atol=1e-12)
         assert np.all(np.max(np.abs(others.absolute), axis=0)[[-2, -1]] > 1e-3)
-
-
-def test_without_rebound_and_at_zero_nothing_is_nan_but_the_logarithm():
     lossy = cal.sensitivity(fitted("stainless steel", chi=1e3, sigma=50.0), [1e-3, 2.0])
     assert lossy.coefficient[1] == 0
     np.testing.assert_array_equal(lossy.absolute[1], 0)

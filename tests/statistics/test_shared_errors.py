@@ -130,7 +130,7 @@ def specimens(groups=6, each=5, offset=0.003, scatter=0.0015, seed=2, u=None):
     return cal.RestitutionData(velocity, e, uncertainty=u, group=[f"s{k}" for k in label])
 
 
-def test_a_mean_of_groups_is_that_of_their_means():
+def test_a_mean_of_groups_is_that_of_their_means_and_another_one_s_band_has_their_spread():
     """One-way analysis of variance: closed forms for groups of equal size."""
     data = specimens()
     means = data.restitution.reshape(6, 5).mean(1)
@@ -153,6 +153,14 @@ def test_a_mean_of_groups_is_that_of_their_means():
     reach = stats.t.ppf(0.975, 5) * error
     assert low == pytest.approx(np.mean(means) - reach, rel=1e-4)
     assert high == pytest.approx(np.mean(means) + reach, rel=1e-4)
+    result = cal.fit(specimens(), "constant", **QUICK)
+    material = result.materials[0]
+    mean, one = (result.band(2.0, kind=kind) for kind in ("mean", "prediction"))
+    expected = np.sqrt(mean.standard_error**2 + material.noise**2 + material.group_deviation**2)
+    assert one.standard_error == pytest.approx(expected, rel=1e-9)
+    degrees = 25  # not those of 6 specimens alone, not of 30 points
+    reach = float((one.high - one.low) / 2 / one.standard_error)
+    assert stats.t.ppf(0.975, degrees) < reach < stats.t.ppf(0.975, 5)
 
 
 def test_the_error_of_unequal_groups_has_what_their_variances_add():
@@ -180,17 +188,6 @@ def test_the_error_of_unequal_groups_has_what_their_variances_add():
     expected = np.sqrt(known + 2 * known * added * known)
     assert expected > 1.05 * np.sqrt(known)
     assert result.standard_errors["restitution"] == pytest.approx(expected, rel=2e-3)
-
-
-def test_another_specimen_s_band_has_the_specimens_spread():
-    result = cal.fit(specimens(), "constant", **QUICK)
-    material = result.materials[0]
-    mean, one = (result.band(2.0, kind=kind) for kind in ("mean", "prediction"))
-    expected = np.sqrt(mean.standard_error**2 + material.noise**2 + material.group_deviation**2)
-    assert one.standard_error == pytest.approx(expected, rel=1e-9)
-    degrees = 25  # not those of 6 specimens alone, not of 30 points
-    reach = float((one.high - one.low) / 2 / one.standard_error)
-    assert stats.t.ppf(0.975, degrees) < reach < stats.t.ppf(0.975, 5)
 
 
 def test_one_more_measurement_is_no_surer_than_the_mean():

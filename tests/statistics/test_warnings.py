@@ -71,17 +71,16 @@ def scattered(high):
     return cal.fit(cal.RestitutionData(np.linspace(1, 2, 12), e))
 
 
-def torn(*shares):
-    """Points that want a small χ̃ and priors for a large one, with shares of the spread of equal minima."""
+def torn(share):
+    """Points that want a small χ̃ and a prior for a large one, with a share of the spread of equal minima."""
     _, chi, sigma, psi, _ = TRUTH["nylon"]
     data = twin("nylon", np.linspace(5, 60, 12), uncertainty=0.25)
     far = sj.restitution(sj.Zhou(data.contact, 20.0, sigma, psi), data.velocity).coefficient
     misfit = np.sum(((np.asarray(far) - data.restitution) / data.uncertainty) ** 2)
     spread = (20.0 - chi) / np.sqrt(misfit)
-    sets = [replace(data, name=f"set {i}") for i in range(len(shares))]
-    priors = [(20.0, share * spread) for share in shares]
-    parameters = [{"sigma": sigma, "psi": psi, "chi": Free(value=2.0, prior=p)} for p in priors]
-    return cal.fit(sets, None, parameters, **QUICK | {"starts": 32})
+    chi = Free(value=2.0, prior=(20.0, share * spread))
+    parameters = {"sigma": sigma, "psi": psi, "chi": chi}
+    return cal.fit(data, None, parameters, **QUICK | {"starts": 32})
 
 
 def of_branches(profiles):
@@ -239,10 +238,13 @@ def with_runs(count):
     return np.concatenate([np.full(n, sign) for n, sign in runs])
 
 
-def test_which_way_the_scatter_goes_is_said():
+def test_which_way_the_scatter_goes_is_said_and_one_velocity_shows_no_slope():
     size = np.repeat(np.arange(1.0, 9), 2)[::-1]
     (one,) = [w for w in constant(size * alternating(16)).warnings if w.code == "unequal-scatter"]
     assert "shrink with the velocity" in one.cause
+    result = constant(np.array([1.0, -1.0, 0.5, 0.0]), np.full(4, 2.0))
+    (warning,) = (one for one in result.warnings if one.code == "no-velocity-dependence")
+    assert warning.cause == "all points have one velocity, 2 m/s"
 
 
 @SIDES
@@ -327,12 +329,6 @@ def test_a_slope_s_error_has_the_scatter_that_is_estimated_in_addition():
     assert f"{line.slope:.2g} ± {line.stderr:.2g} per m/s" in warning.cause
 
 
-def test_points_at_one_velocity_show_no_slope():
-    result = constant(np.array([1.0, -1.0, 0.5, 0.0]), np.full(4, 2.0))
-    (warning,) = (one for one in result.warnings if one.code == "no-velocity-dependence")
-    assert warning.cause == "all points have one velocity, 2 m/s"
-
-
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("slope", [0.0, 0.01])
 def test_a_slope_has_the_weights_of_heavy_tails(slope, stated):
@@ -364,17 +360,6 @@ def test_extrapolation_below_and_above(velocity, count):
     assert (found is not None) == bool(count)
     assert found is None or found.code == "extrapolation"
     assert found is None or "1 velocities lie outside" in found.cause
-
-
-@pytest.mark.long
-def test_each_data_set_has_minima_of_its_own():
-    """What another set's minima cost does not enter, and each is named once."""
-    alone, both, one = torn(1.04), torn(1.04, 1.04), torn(2.08, 1.04)
-    (cause,) = (w.cause for w in alone.warnings if w.code == "several-minima")
-    for result, names in ((both, ["set 0", "set 1"]), (one, ["set 1"])):
-        warnings = [w for w in result.warnings if w.code == "several-minima"]
-        assert sorted(w.material for w in warnings) == names
-        assert {w.cause for w in warnings} == {cause}
 
 
 @pytest.mark.parametrize(

@@ -48,11 +48,21 @@ def hostile(tmp_path_factory):
     return folder, out, report, figures["curves.png"]
 
 
-def test_nothing_reaches_the_terminal_but_letters(hostile):
+def test_nothing_reaches_the_terminal_but_letters_and_the_line_of_the_report_is_the_command_again(
+    hostile,
+):
     folder, out, *_ = hostile
     assert all(line.isprintable() for line in out.replace(str(folder), "").splitlines())
     for shown in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"):
         assert shown in out
+    folder, _, report, _ = hostile
+    line = next(line for line in report.splitlines() if "softjax fit " in line)
+    command = re.search(r"(`+) ?(.*?) ?\1(?!`)", line)[2]
+    printed = subprocess.run(
+        ["bash", "-c", f"printf '%s\\0' {command}"], capture_output=True, check=True
+    ).stdout
+    found = [os.fsdecode(word) for word in printed.split(b"\0")[:-1] if word != b"--no-cache"]
+    assert found == ["softjax", "fit", str(folder / "m.toml"), "--out", str(folder / "r")]
 
 
 def test_a_report_has_its_own_structure_alone(hostile):
@@ -84,18 +94,6 @@ def test_a_page_and_a_picture_show_each_name_and_nothing_acts(hostile):
     for name in ("script", "entity", "image", "reference", "cell", "code", "dollars"):
         assert page.words.count(NAMES[name]) >= 3
         assert NAMES[name] in titles
-
-
-def test_the_line_of_the_report_is_the_command_again(hostile):
-    """A shell reads the words that were given."""
-    folder, _, report, _ = hostile
-    line = next(line for line in report.splitlines() if "softjax fit " in line)
-    command = re.search(r"(`+) ?(.*?) ?\1(?!`)", line)[2]
-    printed = subprocess.run(
-        ["bash", "-c", f"printf '%s\\0' {command}"], capture_output=True, check=True
-    ).stdout
-    found = [os.fsdecode(word) for word in printed.split(b"\0")[:-1] if word != b"--no-cache"]
-    assert found == ["softjax", "fit", str(folder / "m.toml"), "--out", str(folder / "r")]
 
 
 def test_a_table_for_particle_codes_has_rows_of_numbers_alone(hostile):
