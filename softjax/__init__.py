@@ -1,7 +1,7 @@
 """softjax: differentiable soft-sphere collisions after Zhou (2013)."""
 
 from softjax.checks import ArgumentError
-from softjax.contact import Contact
+from softjax.contact import CHROME_STEEL, NYLON, STAINLESS_STEEL, Contact, Material
 from softjax.engine.outcome import Collision
 from softjax.fields import array_field, choice_field, number_field
 from softjax.history import History, collide
@@ -28,7 +28,6 @@ from softjax.laws.viscoelastic import ViscoelasticHertz
 from softjax.laws.walton_braun import WaltonBraun
 from softjax.laws.zhou import Zhou
 from softjax.many_body import contact_force
-from softjax.materials import CHROME_STEEL, NYLON, STAINLESS_STEEL, Material
 from softjax.numerics.powers import power_3_2
 from softjax.restitution import (
     Restitution,

@@ -201,14 +201,7 @@ def _block(program: _Program, many: tuple[bool, ...], _x64: bool) -> Callable:
     """The compiled function of a block, which loops over chunks."""
 
     def block(*leaves):
-        each = [leaf for leaf, m in zip(leaves, many, strict=True) if m]
-
-        def of_chunk(*rows):
-            row = iter(rows)
-            some = (next(row) if m else x for x, m in zip(leaves, many, strict=True))
-            return _computed(program, *some)
-
-        return in_chunks(of_chunk, each, CHUNKS)
+        return in_chunks(partial(_computed, program), leaves, many, CHUNKS)
 
     return jax.jit(block, compiler_options=accepted(ONE_THREAD))
 
@@ -234,15 +227,9 @@ def _of_traced(program: _Program, leaves, whole, shape, cut: bool):
         jnp.broadcast_to(x, shape).reshape(-1) if m else jnp.reshape(x, ())
         for x, m in zip(leaves, many, strict=True)
     ]
-
     # the reverse pass computes a chunk again: faster than to fetch what it would have to store
-    @jax.checkpoint
-    def of_chunk(*rows):
-        row = iter(rows)
-        return _compiled(program, *(next(row) if m else x for x, m in zip(flat, many, strict=True)))
-
-    each = [leaf for leaf, m in zip(flat, many, strict=True) if m]
-    results = in_chunks(of_chunk, each, -(-count // TRACED_CHUNK))
+    of_chunk = jax.checkpoint(partial(_compiled, program))
+    results = in_chunks(of_chunk, flat, many, -(-count // TRACED_CHUNK))
     return jax.tree.map(lambda result: result.reshape(shape), results)
 
 
@@ -280,14 +267,15 @@ def on_several_devices() -> bool:
     return jax.device_count() > 1
 
 
-def in_chunks(function: Callable, leaves: Sequence, chunks: int):
-    """`function(*leaves)` of arrays (count,), computed chunk by chunk in one program.
+def in_chunks(function: Callable, leaves: Sequence, many: Sequence[bool], chunks: int):
+    """`function(*leaves)`, computed chunk by chunk of those leaves that are `many`, in one program.
 
     The last chunk is padded. What the function gives may have axes behind the one of impacts.
     """
     if chunks <= 1:
         return function(*leaves)
-    count = len(leaves[0])
+    each = [leaf for leaf, m in zip(leaves, many, strict=True) if m]
+    count = len(each[0])
     # if some number of chunks divides the impacts, nothing has to be copied to pad the last
     chunks = next((k for k in range(chunks, 2 * chunks) if count % k == 0), chunks)
     missing = -count % chunks
@@ -295,7 +283,11 @@ def in_chunks(function: Callable, leaves: Sequence, chunks: int):
     def rows(leaf):
         return jnp.pad(leaf, (0, missing), mode="edge").reshape(chunks, -1)
 
-    results = jax.lax.map(lambda some: function(*some), [rows(leaf) for leaf in leaves])
+    def of_chunk(some):
+        row = iter(some)
+        return function(*(next(row) if m else x for x, m in zip(leaves, many, strict=True)))
+
+    results = jax.lax.map(of_chunk, [rows(leaf) for leaf in each])
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], results)
 
 
@@ -349,16 +341,9 @@ def over_impacts(
 
 def _in_rows(f: Callable, shared: Shared, size: int, *leaves):
     """`f(*leaves)` of a row of impacts, so many at a time: what is stored of them stays in the cache."""
-    each = [leaf for leaf, common in zip(leaves, shared, strict=True) if not common]
-    chunks = -(-len(each[0]) // (size if _on_cpu() else ON_GPU))
-    if chunks <= 1 or on_several_devices():
-        return f(*leaves)
-
-    def of_row(*some):
-        parts = iter(some)
-        return f(*(x if common else next(parts) for x, common in zip(leaves, shared, strict=True)))
-
-    return in_chunks(of_row, each, chunks)
+    many = [not common for common in shared]
+    chunks = -(-len(leaves[many.index(True)]) // (size if _on_cpu() else ON_GPU))
+    return f(*leaves) if on_several_devices() else in_chunks(f, leaves, many, chunks)
 
 
 def _mapped(single: Single, shared: Shared, size: int) -> Callable:

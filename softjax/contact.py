@@ -1,4 +1,4 @@
-"""The contact of two bodies: effective quantities and the scales of first yield."""
+"""Materials, and the contact of two bodies: effective quantities and the scales of first yield."""
 
 import math
 
@@ -7,12 +7,47 @@ import jax.numpy as jnp
 
 from softjax.checks import ArgumentError, as_real, check_broadcast, check_positive, check_type
 from softjax.fields import Number, check_fields, choice_field, number_field, numbers_of
-from softjax.materials import Material
 from softjax.numerics.powers import quotient
 
 # Contact radius a² = A δ with A = factor · R. The paper's printed b = (3πR/4E)^{1/3} of Eq. (2)
 # gives π^{2/3} R, Hertz's own b gives R; Table 1's critical velocities need the printed one.
 AREA_FACTORS = {"zhou": math.pi ** (2 / 3), "hertz": 1.0}
+
+
+class Material(eqx.Module):
+    """The elastic and plastic properties of one body.
+
+    Attributes (floats, or arrays that broadcast: another material for each impact):
+        youngs_modulus: E [Pa], positive.
+        poisson_ratio: mu [-], in (-1, 0.5].
+        density: rho [kg/m³], positive.
+        yield_strength: Y [Pa], positive: the contact pressure at which the body first yields.
+
+    Raises:
+        ValueError: naming the property, its value and what is accepted.
+    """
+
+    youngs_modulus: Number = number_field("E", "Pa", "modulus", within="(0, inf)")
+    poisson_ratio: Number = number_field("ν", "-", "ratio", within="(-1, 0.5]")
+    density: Number = number_field("ρ", "kg/m³", "density", within="(0, inf)")
+    yield_strength: Number = number_field("Y", "Pa", "strength", within="(0, inf)")
+
+    def __check_init__(self):
+        check_fields(self)
+
+    def leaves(self) -> dict[str, Number]:
+        """The four properties by name."""
+        return numbers_of(self)
+
+
+# Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), Table 1. The nylon's modulus is the bulk value;
+# the paper notes that it is about ten times the one of the measurements' own source.
+STAINLESS_STEEL = Material(1.93e11, 0.35, 8030.0, 3.10e8)
+"""Stainless steel of Zhou (2013), Table 1."""
+CHROME_STEEL = Material(2.03e11, 0.28, 7830.0, 2.03e9)
+"""Chrome steel of Zhou (2013), Table 1."""
+NYLON = Material(2.5e9, 0.30, 1140.0, 4.0e7)
+"""Nylon of Zhou (2013), Table 1, with the bulk modulus."""
 
 
 class Contact(eqx.Module):

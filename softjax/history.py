@@ -7,6 +7,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from softjax.batching import batched, over_impacts
 from softjax.checks import ArgumentError
+from softjax.engine.energy import elastic_duration
 from softjax.engine.impact import (
     Impact,
     check_law,
@@ -17,10 +18,13 @@ from softjax.engine.impact import (
     with_elastic,
 )
 from softjax.engine.outcome import Units, slow_units
-from softjax.fields import checked
+from softjax.fields import Numbers, checked
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.reduced import Reduced
+from softjax.numerics.gauss import gauss_legendre
 from softjax.routes import ODE, as_argument, is_count, si_units
+
+CLOCK_NODES = 32
 
 
 class History(eqx.Module):
@@ -105,14 +109,14 @@ def _history(parameters, velocity, samples):
 
 def _samples(impact: Impact, fractions, route: ODE):
     """Time, overlap, velocity and force in SI at shares of the way, and the collisions they are of."""
-    from softjax.engine import encke, motion  # diffrax is imported when it is used
+    from softjax.engine import motion  # diffrax is imported when it is used
 
     law = impact.law
     independent = isinstance(law, RateIndependentLaw)
     if independent:
         scales, exponent = law.elastic_scales()
         moving = jnp.where(impact.velocity > 0, impact.velocity, scales.velocity)
-        samples = encke.elastic_history(exponent, moving / scales.velocity, fractions)
+        samples = _elastic(exponent, moving / scales.velocity, fractions)
         elastic = _in(si_units(law, Reduced(None, scales, moving)), samples)
         if law.never_yields:
             return elastic, elastic_collisions(impact, clock=False, force=False)
@@ -134,6 +138,27 @@ def _samples(impact: Impact, fractions, route: ODE):
         stays_elastic = impact.elastic[..., None]
         parts = [jnp.where(stays_elastic, e, p) for e, p in zip(elastic, parts, strict=True)]
     return parts, with_elastic(impact, collision)
+
+
+def _elastic(exponent: float, y: Numbers, fractions: tuple[np.ndarray, np.ndarray]):
+    """Samples of collisions that stay elastic, over 1 - η on loading, √x being 1 - η² of its peak."""
+    m, (along, back) = round(2 * exponent), fractions
+    share = np.concatenate([along, 1 - back])
+    node, weight = gauss_legendre(CLOCK_NODES)
+    width: np.ndarray = share.astype(np.float64)
+    between = 1 - np.square(1 - np.outer(width, 1 - node))
+    clock = (width * (4 * between / _pace(between, m) @ weight)).astype(share.dtype)
+    reach, y = y[..., None] ** (2 / m), y[..., None]
+    s_hat = 1 - np.square(1 - share)
+    s, speed = reach * s_hat, y * ((1 - share) * _pace(s_hat, m))
+    time, returns = reach**2 / y * clock, np.arange(len(share)) >= len(along)
+    time = jnp.where(returns, elastic_duration(exponent, y) - time, time)
+    return time, s**2, jnp.where(returns, -speed, speed), 0.2 * m * s ** (m - 2)
+
+
+def _pace(s_hat: np.ndarray, m: int) -> np.ndarray:
+    """x'/(η y) = √[(1 - ŝ^m)/(1 - ŝ)], a geometric sum."""
+    return np.sqrt(sum(s_hat**j for j in range(m)))
 
 
 def _in(units: Units, samples) -> list:

@@ -55,8 +55,7 @@ def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False
     release = outcome.decided(law, overlap, Release(residual, recovered, residual > 0))
     back = Rebound(_share(work, velocity))
     if clock:
-        rise, fall = _closed_times(law, peak, release)
-        peak, back = peak._replace(time=rise), back._replace(time=fall)
+        back = back._replace(time=_closed_duration(law, peak, release))
     collision = outcome.assemble(law, peak, release, back, _gain(y), force)
     return outcome.unlifted(law, collision, below)
 
@@ -74,8 +73,7 @@ def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=F
     part = 2.5 / (y * y)
     back = Rebound(part * work.value, error=part * work.error)
     if clock:
-        fall = _fall(law, x_m, release.residual, release.recovered)
-        peak, back = peak._replace(time=_rise(law, x_m)), back._replace(time=fall)
+        back = back._replace(time=_duration(law, x_m, release.residual, release.recovered))
     collision = outcome.assemble(law, peak, release, back, _gain(y), force)
     return outcome.unlifted(law, collision, below)
 
@@ -99,12 +97,11 @@ def _share_jvp(values, tangents):
     return share, quotient(2.5 * quotient(gained, y) - slope * faster, y)
 
 
-def _closed_times(law: ReducedClosedForm, peak: Peak, release: Release) -> tuple[Numbers, Numbers]:
-    """The times [L/V] from touch to the peak, and from there to the end of the contact."""
+def _closed_duration(law: ReducedClosedForm, peak: Peak, release: Release) -> Numbers:
+    """The time [L/V] from touch to the end of the contact."""
     if len(law.breakpoints()):
         batch = (law, peak.overlap, release.residual, release.recovered)
-        rise = over_impacts(_rise, (law, peak.overlap), forward=False)
-        return rise, over_impacts(_fall, batch, forward=False)
+        return over_impacts(_duration, batch, forward=False)
     top = jnp.sqrt(peak.overlap)
     drop = _beyond_limit(law, peak) / (top + law.elastic_limit**0.5)
 
@@ -113,7 +110,7 @@ def _closed_times(law: ReducedClosedForm, peak: Peak, release: Release) -> tuple
         return root, 1.25 * law.loading(root * root)
 
     rise = _elastic_stage(law, peak.velocity) + smooth_falling_time(place, drop)
-    return rise, _smooth_fall(law, peak.overlap, release)
+    return rise + _smooth_fall(law, peak.overlap, release)
 
 
 def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Numbers:
@@ -182,19 +179,15 @@ def work_to(law: ReducedRateIndependent, x: Numbers) -> Integral:
 
 def _overlap_of_work(law, energy, reach: Reach):
     """x_m with W_L(x_m) = energy."""
-    leaves, structure = jax.tree.flatten(law)
 
-    # the reach is an argument too: what is traced must not come in unnoticed
-    def solve(energy, reach, *leaves):
-        return _solve(jax.tree.unflatten(structure, leaves), energy, reach)
+    def residual(x, law, energy, _):
+        return work_to(law, x).value - energy
 
-    def residual(x, energy, reach, *leaves):
-        return work_to(jax.tree.unflatten(structure, leaves), x).value - energy
+    def slope(x, law, *_):
+        return jnp.maximum(law.loading(x), 0.0)
 
-    def slope(x, energy, reach, *leaves):
-        return jnp.maximum(jax.tree.unflatten(structure, leaves).loading(x), 0.0)
-
-    return implicit_root(solve, residual, slope)(energy, reach, *leaves)
+    # all are arguments: what is traced must not come in unnoticed
+    return implicit_root(_solve, residual, slope)(law, energy, reach)
 
 
 def _solve(law, energy, reach: Reach):
@@ -219,18 +212,11 @@ def _solve(law, energy, reach: Reach):
     return lax.while_loop(unfinished, step, start)[0]
 
 
-def _rise(law: ReducedRateIndependent, peak: Numbers) -> Numbers:
-    """The time from touch to the peak [L/V]: that of a fall from there by the loading force."""
-    force = lambda _, x: 1.25 * law.loading(x)  # noqa: E731
-    return falling_time(force, peak, peak - loading_kinks(law, peak))
+def _duration(law: ReducedRateIndependent, peak: Numbers, residual: Numbers, recovered: Numbers):
+    """The time [L/V] from touch to the peak, that of a fall from there by the loading force, and on to the end."""
 
-
-def _fall(
-    law: ReducedRateIndependent, peak: Numbers, residual: Numbers, recovered: Numbers
-) -> Numbers:
-    """The time from the peak to the end of the contact [L/V]."""
-
-    def force(r, rest):
+    def unloading(r, rest):
         return 1.25 * law.unloading_at(residual + rest, r, peak)
 
-    return falling_time(force, recovered, peak - unloading_kinks(law, peak))
+    rise = falling_time(lambda _, x: 1.25 * law.loading(x), peak, peak - loading_kinks(law, peak))
+    return rise + falling_time(unloading, recovered, peak - unloading_kinks(law, peak))

@@ -7,7 +7,6 @@ unloading as a fall (`falls`). Of a rate-dependent law all is integrated in the 
 elastic power law: up to the peak, and on to where the overlap vanishes, or to where the force does.
 """
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -47,14 +46,15 @@ FORCE_NODES = 33  # of the polynomial through the force on loading
 
 def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
     """One collision beyond the elastic stage."""
-    peak = _loading(law, y, route, clock)
+    peak = _loading(law, y, route)
     release = _release(law, peak.overlap)
     fall = _unloading(law, peak, release)
     reached, solved = falls.energies(fall, y, route)
     back = Rebound(reached[-1], solved)
     if clock:
-        time, timed = falls.times(fall, y, route)
-        back = back._replace(time=time, solved=solved & timed)
+        rise, rose = falls.times(_rise(law, peak.overlap), y, route)
+        back_time, fell = falls.times(fall, y, route)
+        back = back._replace(solved=solved & rose & fell, time=rise + back_time)
     collision = outcome.assemble(law, peak, release, back, _gain(law, route, y.dtype), force)
     return outcome.unlifted(law, collision, below)
 
@@ -67,20 +67,16 @@ def history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
             sampled once, as the end of loading, and of the way back.
     """
     along, back = fractions
-    if _begins_elastic(law):
-        peak, loading = encke.history(law, y, along, route)
-        peak = peak._replace(overlap=jnp.where(peak.turns & peak.solved, loading[1][-1], 1.5))
-    else:  # the fall from the peak, the other way round
-        peak = _loading(law, y, route)
-        (time, x, _, speed), rose = falls.times(_rise(law, peak), y, route, 1 - along[::-1])
-        peak = peak._replace(solved=peak.solved & (rose | ~peak.turns))
-        loading = (time[-1] - time[::-1], x[::-1], -speed[::-1], jax.vmap(law.loading)(x[::-1]))
+    peak = _loading(law, y, route)
+    # the fall from the peak, the other way round
+    (time, x, _, speed), rose = falls.times(_rise(law, peak.overlap), y, route, 1 - along[::-1])
+    loading = (time[-1] - time[::-1], x[::-1], -speed[::-1], jax.vmap(law.loading)(x[::-1]))
     release = _release(law, peak.overlap)
     fall = _unloading(law, peak, release)
     (time, x, recovered, speed), fell = falls.times(fall, y, route, back)
     unloading = (loading[0][-1] + time, x, speed, jax.vmap(fall.force)(x, recovered))
     samples = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
-    rebound = Rebound(jnp.square(speed[-1] / y), fell)
+    rebound = Rebound(jnp.square(speed[-1] / y), rose & fell)
     return outcome.assemble(law, peak, release, rebound, _gain(law, route, y.dtype)), samples
 
 
@@ -95,17 +91,15 @@ def _release(law: ReducedRateIndependent, peak: Numbers) -> Release:
 
 def _followed(law: ReducedClosedForm, peak: Numbers) -> Release:
     """x* of a smooth unloading force, by third-order steps down from the peak."""
-    leaves, structure = jax.tree.flatten(law)
 
-    def force(r, peak, *leaves):
-        law = jax.tree.unflatten(structure, leaves)
+    def force(r, peak, law):
         return law.unloading(peak * r**2, peak)
 
-    def search(peak, *leaves):
+    def search(peak, law):
         one = jnp.ones_like(peak)
 
         def with_slope(r):
-            return jax.jvp(lambda r: force(r, peak, *leaves), (r,), (one,))
+            return jax.jvp(lambda r: force(r, peak, law), (r,), (one,))
 
         def step(r):
             (f, slope), (_, curvature) = jax.jvp(with_slope, (r,), (one,))
@@ -114,21 +108,18 @@ def _followed(law: ReducedClosedForm, peak: Numbers) -> Release:
         settled = ROUNDING * float(jnp.finfo(peak.dtype).eps)
         return refine(step, one, one > 0, RESIDUAL_STEPS, settled)
 
-    r = implicit_root(search, force)(peak, *leaves)
+    r = implicit_root(search, force)(peak, law)
     return Release(peak * r**2, peak * (1 - r) * (1 + r), r == r)
 
 
-def _begins_elastic(law) -> bool:
-    return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
-
-
-def _loading(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
-    loaded = partial(encke.loading if _begins_elastic(law) else _staged, clock=clock)
+def _loading(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
+    begins_elastic = isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
+    loaded = encke.loading if begins_elastic else _staged
     impact = law.on_loading(), y, route
     return loaded(*impact) if route.by_reverse else along_active(loaded, *impact)
 
 
-def _staged(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = False) -> Peak:
+def _staged(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
     """Loading by any force: stages that are passed over the overlap, the last one by its angle."""
     reach = outcome.loading_reach(law, y)
     length, m = reach.rough, round(2 * law.work_exponent)
@@ -159,11 +150,7 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any, clock: bool = F
     turns = jnp.where(ends & arrived, overlap < reach.end, reach.turns)
     solved = arrived | ~turns
     overlap = jnp.where(turns & solved, overlap, 0.5 * length)
-    peak = Peak(overlap, y, jnp.where(ends, reach.end, 0.0), turns, solved)
-    if not clock:
-        return peak
-    time, timed = falls.times(_rise(law, peak), y, route)
-    return peak._replace(time=time, solved=peak.solved & (timed | ~turns))
+    return Peak(overlap, y, jnp.where(ends, reach.end, 0.0), turns, solved)
 
 
 def _passed(pull, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers, Flags]:
@@ -193,10 +180,10 @@ def _passed(pull, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers,
     return X, jnp.sqrt(energy), sure
 
 
-def _rise(law, peak: Peak) -> Fall:
+def _rise(law, top: Numbers) -> Fall:
     """Loading with time turned around."""
-    top, smooth = peak.overlap, isinstance(law, ReducedClosedForm)
     force = lambda x, _: law.loading(x)  # noqa: E731
+    smooth = isinstance(law, ReducedClosedForm)
     return Fall(force, top, jnp.zeros_like(top), top, loading_kinks(law, top), smooth=smooth)
 
 

@@ -116,7 +116,6 @@ class Peak(NamedTuple):
         end: where the loading force vanishes, 0 where it never does.
         turns, solved: whether the bodies come to rest at all, and whether the solver got there.
         error: of the impact's energy, relative to it.
-        time: since touch, where requested.
     """
 
     overlap: Numbers
@@ -125,7 +124,6 @@ class Peak(NamedTuple):
     turns: Flags
     solved: Flags | bool = True
     error: Numbers | float = 0.0
-    time: Numbers | float = 0.0
 
 
 class Release(NamedTuple):
@@ -145,7 +143,7 @@ class Release(NamedTuple):
 
 
 class Rebound(NamedTuple):
-    """What is given back: ε_p², whether it is solved for, its error, and the time since the peak."""
+    """What is given back: ε_p², whether it is solved for, its error; the time from touch to the end."""
 
     energy: Numbers
     solved: Flags | bool = True
@@ -192,7 +190,7 @@ def assemble(
         peak=overlap,
         residual=jnp.where(answered, release.residual, end),
         flags=flagged(conditions),
-        duration=None if back.time is None else where_answered(peak.time + back.time),
+        duration=None if back.time is None else where_answered(back.time),
         force=where_answered(largest(law.loading, peak.overlap)) if force else None,
     )
 
@@ -254,45 +252,42 @@ def decided(law: ReducedRateIndependent, peak: Numbers, candidate: Release) -> R
 
 def searched(law: ReducedRateIndependent, peak: Numbers) -> Release:
     """The last zero of the unloading force of one impact, whatever its power there."""
-    leaves, structure = jax.tree.flatten(law)
-
-    def force(x, recovered, peak, *leaves):
-        return jax.tree.unflatten(structure, leaves).unloading_at(x, recovered, peak)
 
     @jax.custom_jvp
-    def root(peak, *leaves):
-        return last_zero(lambda x, recovered: force(x, recovered, peak, *leaves), peak)
+    def root(law, peak):
+        return last_zero(lambda x, recovered: law.unloading_at(x, recovered, peak), peak)
 
     @root.defjvp
     def rule(params, tangents):
         x, recovered = root(*params)
         # where there is none, somewhere else: what is not used must be a number all the same
         exists = x > 0
-        place = jnp.where(exists, x, 0.5 * params[0]), jnp.where(exists, recovered, 0.5 * params[0])
-        change = jnp.where(exists, _motion(force, place, params, tangents), 0.0)
-        return (x, recovered), (change, tangents[0] - change)
+        half = 0.5 * params[1]
+        place = jnp.where(exists, x, half), jnp.where(exists, recovered, half)
+        change = jnp.where(exists, _motion(place, params, tangents), 0.0)
+        return (x, recovered), (change, tangents[1] - change)
 
-    x, recovered = root(peak, *leaves)
-    left = force(x, recovered, peak, *leaves)
-    jumps = left > JUMP * force(peak, jnp.zeros_like(peak), peak, *leaves)
+    x, recovered = root(law, peak)
+    left = law.unloading_at(x, recovered, peak)
+    jumps = left > JUMP * law.unloading_at(peak, jnp.zeros_like(peak), peak)
     return Release(x, recovered, x > 0, ~jumps)
 
 
-def _motion(force, place, params, tangents):
+def _motion(place, params, tangents):
     """The derivative of the zero: of its equation, or where that is flat there, the limit of it."""
     x, recovered = place
-    peak, *leaves = params
+    law, peak = params
 
     def equation(x):
         """-(dF/dp · dp)/(dF/dx) at x, and dF/dx."""
-        at = lambda x, peak, *leaves: force(x, peak - x, peak, *leaves)  # noqa: E731
+        at = lambda x, law, peak: law.unloading_at(x, peak - x, peak)  # noqa: E731
         _, slope = jax.jvp(lambda x: at(x, *params), (x,), (jnp.ones_like(x),))
         _, change = jax.jvp(lambda *p: at(x, *p), params, tangents)
         flat = slope == 0
         return jnp.where(flat, 0.0, -change / jnp.where(flat, 1.0, slope)), slope
 
     direct, slope = equation(x)
-    mean = force(peak, jnp.zeros_like(peak), peak, *leaves) / recovered
+    mean = law.unloading_at(peak, jnp.zeros_like(peak), peak) / recovered
     step = float(jnp.finfo(x.dtype).eps) ** (1 / 3) * recovered
     nearby = [equation(x + k * step)[0] for k in (1, 2, 3)]
     limit = 3 * nearby[0] - 3 * nearby[1] + nearby[2]  # of the parabola through them

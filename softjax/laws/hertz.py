@@ -5,13 +5,11 @@ H. Hertz, Über die Berührung fester elastischer Körper, J. reine angew. Math.
 
 import math
 
-import jax.numpy as jnp
-
 from softjax.contact import Contact
 from softjax.fields import Numbers
 from softjax.laws.base import RateIndependentLaw
-from softjax.laws.reduced import ReducedClosedForm
-from softjax.numerics.powers import power_3_2, safe_sqrt
+from softjax.laws.reduced import ReducedRateIndependent
+from softjax.numerics.powers import power_3_2
 
 
 class Hertz(RateIndependentLaw, final=True):
@@ -44,7 +42,7 @@ class Hertz(RateIndependentLaw, final=True):
         return ReducedHertz()
 
 
-class ReducedHertz(ReducedClosedForm):
+class ReducedHertz(ReducedRateIndependent):
     """p = x^{3/2} on loading and on unloading: it never leaves the elastic stage."""
 
     elastic_limit = math.inf
@@ -54,12 +52,3 @@ class ReducedHertz(ReducedClosedForm):
 
     def unloading(self, x: Numbers, peak: Numbers) -> Numbers:
         return power_3_2(x)
-
-    def largest_velocity(self) -> Numbers:
-        return jnp.asarray(jnp.inf)
-
-    def peak(self, y: Numbers) -> Numbers:
-        return y**0.8
-
-    def release(self, peak: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        return jnp.zeros_like(peak), peak, 0.4 * peak * peak * safe_sqrt(peak)

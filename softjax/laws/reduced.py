@@ -124,9 +124,9 @@ class ReducedClosedForm(ReducedRateIndependent):
     Both forces are smooth beyond the elastic limit, or `breakpoints` says where they are not.
     """
 
-    @abstractmethod
     def largest_velocity(self) -> Numbers:
-        """y_max, from which on no collision turns: W_L(end) = (2/5) y_max²."""
+        """y_max, from which on no collision turns: W_L(end) = (2/5) y_max²; infinite without an end."""
+        return jnp.asarray(jnp.inf)
 
     @abstractmethod
     def peak(self, y: Numbers) -> Numbers:

@@ -135,9 +135,6 @@ class ReducedThornton(ReducedClosedForm):
         # x_m^{3/2} - p_m, its cancelling terms multiplied out
         return excess * excess * ((excess + 1.5) / jnp.sqrt(peak))
 
-    def largest_velocity(self) -> Numbers:
-        return jnp.asarray(jnp.inf)
-
     def peak(self, y: Numbers) -> Numbers:
         slow = quotient(1.0, y)  # the square of y itself leaves float32's range at 1e19
         force = y * jnp.sqrt(1.2 - 0.2 * slow * slow)  # p_m

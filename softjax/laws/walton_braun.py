@@ -115,9 +115,6 @@ class ReducedWaltonBraun(ReducedClosedForm):
     def residual(self, peak: Numbers) -> Numbers:
         return jnp.maximum(peak - self.recovered(peak), 0.0)
 
-    def largest_velocity(self) -> Numbers:
-        return jnp.asarray(jnp.inf)
-
     def peak(self, y: Numbers) -> Numbers:
         return y * jnp.ones_like(self.ratio)
 

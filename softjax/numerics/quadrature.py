@@ -1,4 +1,4 @@
-"""Quadrature of one impact's forces, for any power at either end of a stage, and its own verdict.
+"""Quadrature of forces, for any power at either end of a stage, and its own verdict.
 
 Tanh–sinh (H. Takahasi and M. Mori, Double exponential formulas for numerical integration, Publ.
 RIMS Kyoto Univ. 9, 721, 1974): with the way r = L/(1 + e^{-π sinh t}) the trapezoidal rule in t
@@ -7,7 +7,8 @@ correct digits, unless there is a kink between, where the error falls fourfold o
 from the other (after D. H. Bailey, K. Jeyabalan and X. S. Li, Experimental Mathematics 14, 317,
 2005).
 
-All here is for single numbers, under `vmap`; the length of the way may be differentiated.
+`integral` and `falling_time` are of single numbers, under `vmap`, Gauss and Legendre's rules of arrays; the
+length of the way may be differentiated.
 """
 
 from collections.abc import Callable
