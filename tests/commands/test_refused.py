@@ -24,7 +24,7 @@ REFUSED = {
     "fit --objective three-step": "two-step",
     "fit --route euler": "energy-balance",
     "fit --seed -1": "--seed",
-    "fit --starts 0": "1 or more",
+    "fit --starts 0": "greater than or equal to 1",
     "fit --starts many": "'many'",
     "fit a.toml b.toml": "b.toml",
     "fit no_such.toml": "no such file",
