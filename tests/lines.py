@@ -67,23 +67,23 @@ def noting(source: str, numbers: Iterator[int]) -> tuple[str, dict[str, int]]:
     tree = ast.parse(source)
     of_lines: dict[str, int] = {}
     _note(tree.body, False, numbers, of_lines)
-    place = next((k for k, one in enumerate(tree.body) if not _is_head(one)), len(tree.body))
+    place = next((k for k, node in enumerate(tree.body) if not _is_head(node)), len(tree.body))
     tree.body[place:place] = ast.parse(NOTE).body
     return ast.unparse(tree), of_lines
 
 
 def _note(body: list, inside: bool, numbers: Iterator[int], of_lines: dict[str, int]) -> None:
-    for one in tuple(body):
-        number, function = next(numbers), isinstance(one, FUNCTIONS)
-        notes = function or (inside and not _is_head(one))
+    for node in tuple(body):
+        number, function = next(numbers), isinstance(node, FUNCTIONS)
+        notes = function or (inside and not _is_head(node))
         if notes:
-            first = min(part.lineno for part in (one, *getattr(one, "decorator_list", ())))
-            of_lines |= dict.fromkeys(map(str, range(first, one.end_lineno + 1)), number)
-        for block in _blocks(one):
+            first = min(part.lineno for part in (node, *getattr(node, "decorator_list", ())))
+            of_lines |= dict.fromkeys(map(str, range(first, node.end_lineno + 1)), number)
+        for block in _blocks(node):
             _note(block, inside or function, numbers, of_lines)
         if notes:
-            within = one.body if function else body
-            place = int(_is_head(one.body[0])) if function else body.index(one)
+            within = node.body if function else body
+            place = int(_is_head(node.body[0])) if function else body.index(node)
             within[place:place] = ast.parse(f"_ran.add({number})").body
 
 

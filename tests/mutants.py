@@ -72,7 +72,7 @@ class Outcome(NamedTuple):
 
 
 def package_of(file: str) -> str:
-    return next(name for name, one in PACKAGES.items() if file.startswith(one))
+    return next(name for name, folder in PACKAGES.items() if file.startswith(folder))
 
 
 def every_change(top: Path = TOP) -> dict[str, list[Change]]:
@@ -151,7 +151,7 @@ def _tests_run(copy: Path, tests: list[str], limit: int, out: int) -> NoReturn:
         sys.stdout = sys.stderr = os.fdopen(out, "w", buffering=1)
         os.chdir(copy)
         os.environ["PYTHONPATH"] = str(copy)
-        sys.path[:] = [str(copy), *(one for one in sys.path if one not in ("", str(TOP)))]
+        sys.path[:] = [str(copy), *(path for path in sys.path if path not in ("", str(TOP)))]
         for name in [name for name in sys.modules if name.partition(".")[0] in OWN]:
             del sys.modules[name]
         words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--assert=plain"]
@@ -176,8 +176,8 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2)
     outcomes = run(parser.parse_args())
     rates = defaultdict(Counter)
-    for one in outcomes:
-        rates[package_of(one.change.file)][one.result] += 1
+    for outcome in outcomes:
+        rates[package_of(outcome.change.file)][outcome.result] += 1
     for name, counts in rates.items():
         of = counts[NOTICED] + counts[SURVIVED]
         rest = ", ".join(f"{counts[k]} {k}" for k in (TIMEOUT, EQUAL) if counts[k])
@@ -206,9 +206,9 @@ def run(arguments) -> list[Outcome]:
         outcomes = []
         with forked.Pool(arguments.jobs, _take, (copies,)) as pool:
             work = [_work(change, lines, equal, arguments) for change in picked]
-            for one in pool.imap(_outcome, work):
-                outcomes.append(one)
-                print(told(one), flush=True)
+            for outcome in pool.imap(_outcome, work):
+                outcomes.append(outcome)
+                print(told(outcome), flush=True)
     return outcomes
 
 
@@ -238,8 +238,8 @@ def _take(copies) -> None:
 def _outcome(work: Work) -> Outcome:
     if work.is_equivalent:
         return Outcome(work.change, EQUAL, "")
-    one = tried(own_copy, work.change, work.tests, work.limit)
-    return one._replace(by=one.by or f"{len(work.tests)} of {work.of} tests")
+    outcome = tried(own_copy, work.change, work.tests, work.limit)
+    return outcome._replace(by=outcome.by or f"{len(work.tests)} of {work.of} tests")
 
 
 def copied(to: Path) -> Path:

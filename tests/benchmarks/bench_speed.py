@@ -60,10 +60,10 @@ def median(benchmark, function) -> float:
 
 def plastic(y):
     """ε_p of impacts at y over v_cr by the same formulas, compiled by numba."""
-    one = law()
-    ratio = 1 / (float(one.contact.limit_velocity / one.contact.critical_velocity) - 1)
-    up_loss = float(np.expm1(-2 * one.sigma * ratio**one.psi))
-    return numba_loops.energy_balance(*reduced(one), y, up_loss)[1]
+    example = law()
+    ratio = 1 / (float(example.contact.limit_velocity / example.contact.critical_velocity) - 1)
+    up_loss = float(np.expm1(-2 * example.sigma * ratio**example.psi))
+    return numba_loops.energy_balance(*reduced(example), y, up_loss)[1]
 
 
 LOOPS = [("the same formulas in numba, all cores", "exact", 10**6, plastic, 1e-14)]
@@ -78,9 +78,9 @@ def test_softjax_speed(table, tmp_path):
     numbers = ("microseconds", "largest_error", "gradient_microseconds")
     shutil.copy(tmp_path / "speed.png", PAGE.parents[1] / "figures")  # of the same run as the table
     with (tmp_path / "speed.csv").open(newline="", encoding="utf-8") as file:
-        for one in csv.DictReader(file):
-            each = (float(one[n] or "nan") for n in numbers)
-            table["rows"].append((one["family"], one["setting"], int(one["batch"]), *each))
+        for row in csv.DictReader(file):
+            each = (float(row[n] or "nan") for n in numbers)
+            table["rows"].append((row["family"], row["setting"], int(row["batch"]), *each))
 
 
 @pytest.mark.parametrize(("family", "setting", "batch", "function", "most"), LOOPS)
@@ -103,12 +103,12 @@ def own_refits(result):
 
 def fitted():
     """A fit of 30 points on both sides of first yield."""
-    one = law()
-    velocity = float(one.contact.critical_velocity) * np.geomspace(0.02, 200.0, POINTS)
+    example = law()
+    velocity = float(example.contact.critical_velocity) * np.geomspace(0.02, 200.0, POINTS)
     noise = NOISE * np.random.default_rng(1).standard_normal(POINTS)
-    measured = np.asarray(sj.restitution(one, velocity).coefficient) + noise
-    data = cal.RestitutionData(velocity, np.minimum(measured, 1.0), one.contact)
-    start = {name: cal.Parameter(getattr(one, name)) for name in ("chi", "sigma", "psi")}
+    measured = np.asarray(sj.restitution(example, velocity).coefficient) + noise
+    data = cal.RestitutionData(velocity, np.minimum(measured, 1.0), example.contact)
+    start = {name: cal.Parameter(getattr(example, name)) for name in ("chi", "sigma", "psi")}
     return cal.fit(data, None, start, starts=1)
 
 

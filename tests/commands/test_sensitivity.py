@@ -178,10 +178,10 @@ def test_a_fit_is_planned_with_its_own_points(at, fit):
 
 
 def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
-    doubt = cal.FitWarning("residual-runs", "2 runs where 6 are expected", fit.material().name)
-    replace(fit, warnings=(doubt, replace(doubt, material="another"))).save("doubted.json")
+    warning = cal.FitWarning("residual-runs", "2 runs where 6 are expected", fit.material().name)
+    replace(fit, warnings=(warning, replace(warning, material="another"))).save("doubted.json")
     planned = told_by("--fit", "doubted.json", "--study", "information")
-    assert planned["warnings"] == [str(doubt)]
+    assert planned["warnings"] == [str(warning)]
     out = " ".join(capsys.readouterr().out.split())
     assert "The plan relies on this fit, which has these warnings: ! residual-runs" in out
 
@@ -191,13 +191,13 @@ def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
     k = fit.covariance_names.index(name)
     covariance = fit.covariance.copy()
     covariance[k] = covariance[:, k] = np.nan
-    one = fit.material()
+    material = fit.material()
     stopped = cal.Estimate(value, None, None, None, "profile", True, True)
-    chi = replace(one.parameters["chi"], low=0.2, high=0.25)
-    parameters = {**one.parameters, name: stopped, "chi": chi}
-    values = {**one.values, name: value}
-    one = replace(one, parameters=parameters, values=values)
-    return replace(fit, materials=(one,), covariance=covariance)
+    chi = replace(material.parameters["chi"], low=0.2, high=0.25)
+    parameters = {**material.parameters, name: stopped, "chi": chi}
+    values = {**material.values, name: value}
+    material = replace(material, parameters=parameters, values=values)
+    return replace(fit, materials=(material,), covariance=covariance)
 
 
 def test_a_parameter_at_its_bound_is_taken_as_known_and_said_with_the_fits_interval(
@@ -227,13 +227,11 @@ def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys, fit):
 
 
 def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, capsys, fit):
-    one = fit.material()
-    psi = replace(one.parameters["psi"], free=False)
-    fixed = replace(
-        one, parameters={**one.parameters, "psi": psi}, values={**one.values, "sigma": 0.0}
-    )
-    doubt = cal.FitWarning("residual-runs", "2 runs where 6 are expected", one.name)
-    replace(fit, materials=(fixed,), warnings=(doubt,)).save("held.json")
+    m = fit.material()
+    psi = replace(m.parameters["psi"], free=False)
+    fixed = replace(m, parameters={**m.parameters, "psi": psi}, values={**m.values, "sigma": 0.0})
+    warning = cal.FitWarning("residual-runs", "2 runs where 6 are expected", m.name)
+    replace(fit, materials=(fixed,), warnings=(warning,)).save("held.json")
     few = ("--fit", "held.json", "--study", "global", "--samples", "16", "--at", "20")
     study = told_by(*few)
     assert "warnings" not in study  # which are of plans

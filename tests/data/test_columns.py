@@ -108,7 +108,7 @@ def test_another_column_is_not_used_and_named(header):
     """`t` might be an interval or a time, `v1` before or after, `bounce` a number; EU is a region."""
     data = READ({"velocity": [1.0], "restitution": [0.9], header: [0.5]})
     assert (len(data), data.uncertainty, data.velocity_uncertainty) == (1, None, None)
-    left = [one for one in data.remarks if "not used" in one]
+    left = [remark for remark in data.remarks if "not used" in remark]
     assert [header[:40] in one for one in left] == ([True] if header else [])
 
 
@@ -164,7 +164,7 @@ def test_what_a_percentage_is_of(columns, uncertainty, velocity_uncertainty):
         return
     assert data.velocity_uncertainty[0] == pytest.approx(velocity_uncertainty, rel=1e-14)
     words = "percentage points" if "e [%]" in columns else "relative to its quantity"
-    assert any("uncertainty in %" in one and words in one for one in data.remarks)
+    assert any("uncertainty in %" in remark and words in remark for remark in data.remarks)
 
 
 def test_a_restitution_beside_what_it_follows_from_is_used():
@@ -182,8 +182,8 @@ def test_velocities_of_opposite_sign_are_speeds(signs):
     data = READ({k: sign * v for sign, (k, v) in zip(signs, speeds.items(), strict=True)})
     np.testing.assert_allclose(data.velocity, [0.5, 4.0], rtol=1e-15)
     np.testing.assert_allclose(data.restitution, [0.9, 0.8], rtol=1e-15)
-    assert any("signs of velocities" in one for one in data.remarks)
-    assert not any("signs of velocities" in one for one in READ(speeds).remarks)
+    assert any("signs of velocities" in remark for remark in data.remarks)
+    assert not any("signs of velocities" in remark for remark in READ(speeds).remarks)
 
 
 def test_groups_go_with_every_set_of_columns():

@@ -50,10 +50,10 @@ def test_numbers_and_lines_of_a_file(read, text):
         np.testing.assert_allclose(data.velocity, velocity, rtol=1e-15)
     np.testing.assert_allclose(data.restitution, restitution, rtol=1e-15)
     assert data.origin.lines == lines
-    assert any(words in one for one in data.remarks)
-    assert any("commas" in one for one in data.remarks) == (words == "commas")
+    assert any(words in remark for remark in data.remarks)
+    assert any("commas" in remark for remark in data.remarks) == (words == "commas")
     noted = words.startswith("assuming") or text.startswith(("v,e,", "v,e\n1", "operator"))
-    assert any(" unit" in one for one in data.remarks) == noted
+    assert any(" unit" in remark for remark in data.remarks) == noted
 
 
 def test_labels_and_lines_of_rows_that_were_not_measured(read):
@@ -72,7 +72,7 @@ def test_what_windows_saves_is_read_and_told(read):
     """German Excel's own: Windows-1252, semicolons, decimal commas."""
     data = read("v [m/s];e;Prüfling\n0,12;0,95;µ1\n", "cp1252")
     assert (data.velocity[0], data.restitution[0]) == (0.12, 0.95)
-    assert any("Windows-1252" in one for one in data.remarks)
+    assert any("Windows-1252" in remark for remark in data.remarks)
 
 
 def test_a_spreadsheet_is_read_as_its_csv_is(read, tmp_path):

@@ -44,7 +44,7 @@ def test_columns_are_read_in_their_units_with_gaps(read_toml):
         np.testing.assert_allclose(getattr(data, name), expected, rtol=1e-14, err_msg=name)
     assert data.peak_overlap_uncertainty is None
     names = ["contact_time", "peak_force", "peak_overlap", "residual_dent_diameter"]
-    assert [one.name for one in data.observed] == names
+    assert [block.name for block in data.observed] == names
     assert "1 of peak_force" not in repr(data)
     assert "2 of peak_force, 3 of peak_overlap" in repr(data)
     given = {name: getattr(data, name) for name in columns}

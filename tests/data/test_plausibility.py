@@ -36,12 +36,12 @@ def material_file(folder, more="limit_velocity = 340.0", csv=ROWS, body=NYLON, *
 
 def codes(file):
     (data,) = cal.read_toml(file)
-    return {one.code for one in cal.plausibility(data)} - {"yield-beyond-limit"}
+    return {warning.code for warning in cal.plausibility(data)} - {"yield-beyond-limit"}
 
 
 def of(velocity, restitution, **options):
     data = cal.RestitutionData(velocity, restitution, **options)
-    return [one.code for one in cal.plausibility(data)]
+    return [warning.code for warning in cal.plausibility(data)]
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -127,7 +127,7 @@ def test_warnings_and_the_report_begin_with_it(at):
     assert "plausibility" in first
     assert "6 m" in first
     result = cal.FitResult.load(at / "results" / "fit.json")
-    assert [one.code for one in result.warnings][:2] == ["plausibility"] * 2
+    assert [warning.code for warning in result.warnings][:2] == ["plausibility"] * 2
     file = material_file(at, "limit_velocity = 340.0\nplausibility = false", radius=600.0)
     assert run("fit", file, *fit)[0] == 0
     (data,) = cal.read_toml(file)
@@ -140,7 +140,7 @@ def test_nothing_is_doubted_of_steel_that_yields_in_time(below, tmp_path):
     for strength, doubted in ((3.1e8, False), (6e10, False), (7e10, not below)):
         file = material_file(tmp_path, below, body=STEEL, yield_strength=strength)
         found = cal.plausibility(cal.read_toml(file)[0])
-        assert [one.code for one in found] == ["yield-beyond-limit"] * doubted
+        assert [warning.code for warning in found] == ["yield-beyond-limit"] * doubted
         assert not doubted or "m/s" in found[0].cause
 
 
@@ -157,10 +157,10 @@ def test_falls_from_higher_than_anybody_drops_a_ball():
     assert "300 m" in high.cause
     # 20 m/s is the fall of 20.39 m
     for height, doubted in ((20.3, False), (20.5, True)):
-        assert [one.code for one in found(h0=[height], hf=[1.0])] == ["height"] * doubted
-    assert [one.code for one in found(interval=[500.0, 450.0, 405.0])] == ["height"]
+        assert [warning.code for warning in found(h0=[height], hf=[1.0])] == ["height"] * doubted
+    assert [warning.code for warning in found(interval=[500.0, 450.0, 405.0])] == ["height"]
     beyond = found(interval=[1e160, 1.0, 0.9])  # a height beyond floats
-    assert any("inf m" in one.cause for one in beyond)
+    assert any("inf m" in warning.cause for warning in beyond)
 
 
 @pytest.mark.parametrize(

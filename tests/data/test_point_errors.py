@@ -76,7 +76,7 @@ def test_one_uncertainty_of_both_numbers_or_of_one_and_of_a_rebound_of_zero_heig
     np.testing.assert_allclose(both.velocity_uncertainty, [0.02, 0.02])
     apart = READ(speeds, impact_velocity_uncertainty=0.02, rebound_velocity_uncertainty=0.02)
     np.testing.assert_array_equal(covariance_of(apart, SLOPE), covariance_of(both, SLOPE))
-    assert any("both" in one for one in both.remarks)
+    assert any("both" in remark for remark in both.remarks)
     one = READ({"drop_height": [1.0], "rebound_height": [0.64]}, rebound_height_uncertainty="5 mm")
     np.testing.assert_allclose(one.uncertainty, [0.005 / (2 * 0.8)], rtol=1e-12)
     assert one.velocity_uncertainty is None
@@ -119,7 +119,7 @@ def test_uncertainties_of_points_come_on_top_of_what_is_shared():
         alone, shared + np.diag((SLOPE * np.array([0.1, 0.2])) ** 2), rtol=1e-12
     )
     np.testing.assert_allclose(both, alone + 0.02**2 * np.eye(2), rtol=1e-12)
-    assert any("is added to" in one for one in sets[2].remarks)
+    assert any("is added to" in data for data in sets[2].remarks)
     # stated for each ε and nothing of the timing: nothing is left to be estimated
     stated = covariance_of(READ(table, uncertainty=0.01), SLOPE)
     np.testing.assert_array_equal(stated, 1e-4 * np.eye(2))

@@ -58,7 +58,7 @@ def test_named_materials_are_those_of_the_paper(read_toml):
     (data,) = read_toml(wall + 'material = "nylon"\n')
     assert data.contact == sj.Contact.with_wall(sj.CHROME_STEEL, sj.NYLON, 0.01)
     for name in ("chrome steel", "nylon"):
-        assert any(name in one and "Table 1" in one for one in data.remarks)
+        assert any(name in remark and "Table 1" in remark for remark in data.remarks)
     (same,) = read_toml(entry("radius = 0.01", "[material.second]", 'material = "stainless steel"'))
     assert same.contact == read_toml(entry("radius = 0.01"))[0].contact
 

@@ -108,11 +108,11 @@ def test_properties_of_the_bodies(read_toml):
         chosen = [(units[i % len(units)], value) for units, value in lists]
         words = [word for (unit, size), value in chosen for word in (repr(value / size), unit)]
         entries.append(template.format(i, *words).replace("\\", "\\\\"))
-    for one in read_toml("".join(entries)):
-        contact = one.contact
-        found = [contact.mass, contact.yield_strength, contact.radius, one.limit_velocity]
+    for entry in read_toml("".join(entries)):
+        contact = entry.contact
+        found = [contact.mass, contact.yield_strength, contact.radius, entry.limit_velocity]
         expected = [4 / 3 * math.pi * 5000 * 0.02**3, 2e8, 0.02, 150.0]
-        np.testing.assert_allclose(found, expected, rtol=1e-13, err_msg=entries[int(one.name)])
+        np.testing.assert_allclose(found, expected, rtol=1e-13, err_msg=entries[int(entry.name)])
 
 
 @pytest.mark.parametrize(("unit", "size"), spelled(ACCELERATIONS))

@@ -22,8 +22,8 @@ MEASURED = {"linear": 0.067, "viscoelastic": 0.022, "walton-braun": 0.017}
 def test_the_first_law_that_keeps_the_tolerance_is_taken(exported):
     """The ladder's errors are those that were found elsewhere; each tolerance takes its first rung."""
     export, _ = exported(tolerance=2e-5, steps=400)
-    errors = {one.key: one.error for one in export.tried}
-    totals = {one.key: one.total for one in export.tried}
+    errors = {trial.key: trial.error for trial in export.tried}
+    totals = {trial.key: trial.total for trial in export.tried}
     assert list(errors) == LADDER
     for key, error in MEASURED.items():
         assert errors[key] == pytest.approx(error, rel=0.06)
@@ -35,7 +35,7 @@ def test_the_first_law_that_keeps_the_tolerance_is_taken(exported):
             assert chosen.choice.key == key
             assert chosen.choice.error + chosen.choice.steps.error == chosen.choice.total
             assert chosen.choice.total <= tolerance
-            assert all(one.total > tolerance for one in chosen.tried[:-1])
+            assert all(trial.total > tolerance for trial in chosen.tried[:-1])
 
 
 def curve(law, velocity):
@@ -63,9 +63,9 @@ def test_viscoelastic_spheres_are_the_best_of_their_kind(source, span, exported)
 def test_each_chosen_law_keeps_its_tolerance_in_c(tolerance, exported):
     """At the time step that is written; the stated error of the step is reached and not passed."""
     export, folder = exported(tolerance=tolerance)
-    one = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
+    code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
     velocity = np.geomspace(*RANGE, 40)
-    found = [one.rebounds(velocity, export.time_step, p) for p in np.arange(11) / 11]
+    found = [code.rebounds(velocity, export.time_step, p) for p in np.arange(11) / 11]
     off = np.max(np.abs(np.array(found) - curve(STEEL, velocity)))
     assert off <= 1.02 * export.choice.total <= 1.02 * tolerance
     off = np.max(np.abs(np.array(found) - curve(export.law, velocity)))
@@ -81,10 +81,10 @@ def test_a_dashpot_that_never_pulls_gives_the_restitution_of_hard_spheres(law, e
     for epsilon in (0.14, 0.99):
         source = sj.ConstantRestitution(PAIR, epsilon)
         export, folder = exported(source, law=law, tolerance=0.2, steps=200)
-        assert [one.key for one in export.tried] == [law]
+        assert [trial.key for trial in export.tried] == [law]
         assert export.choice.error < 1e-9
-        one = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
-        found = one.rebounds([0.1, 3.0], export.time_step / 100)
+        code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
+        found = code.rebounds([0.1, 3.0], export.time_step / 100)
         np.testing.assert_allclose(found, epsilon, atol=3e-4)
     least, _ = exported(sj.ConstantRestitution(PAIR, 0.05), law="linear", tolerance=0.3, steps=400)
     assert least.choice.error == pytest.approx(np.exp(-2) - 0.05, abs=1e-4)
@@ -124,9 +124,9 @@ def test_a_softer_law_gives_the_same_restitution_at_a_longer_step(name, exported
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     expected = {"overlaps": times, "time_step": times, "forces": 1 / times}
     assert report["softer"] == pytest.approx(expected)
-    one = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
+    code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
     velocity = np.array([0.2, 1.0, 4.0])
-    found = one.rebounds(velocity, soft.time_step)
+    found = code.rebounds(velocity, soft.time_step)
     np.testing.assert_allclose(found, curve(soft.law, velocity), atol=soft.choice.steps.error)
 
 
@@ -224,7 +224,7 @@ def test_export_json_has_all_numbers(exported):
         duration["shortest"] / report["steps_in_shortest_contact"]
     )
     assert set(report["files"]) == {p.name for p in folder.iterdir()}
-    assert [one["law"] for one in report["tried"]] == LADDER[:4]
+    assert [trial["law"] for trial in report["tried"]] == LADDER[:4]
     text = str(export)
     assert f"{report['steps_in_shortest_contact']} in the shortest contact" in text
     assert f"largest overlap    {100 * report['largest_overlap_over_radius']:.2g} % of" in text

@@ -76,7 +76,7 @@ def test_a_fit_is_exported_material_by_material(at, fit_file):
     assert (steel["material"], nylon["material"]) == ("steel", "nylon")
     assert steel["velocity_range"] == pytest.approx([0.1, 3.0])
     assert nylon["velocity_range"] == pytest.approx([1.5, 20.0])
-    assert not any(one.startswith("Measured") for one in nylon["warnings"])
+    assert not any(warning.startswith("Measured") for warning in nylon["warnings"])
     exact = sj.restitution(fitted("nylon"), np.array(nylon["curve"]["velocity"])).coefficient
     np.testing.assert_allclose(nylon["curve"]["requested"], exact, atol=1e-6)
     code, out, _ = run("export", *options[:-1], "--material", "nylon", "--range", "1.5:21")

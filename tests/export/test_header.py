@@ -62,8 +62,8 @@ def wide(law):
 
 @pytest.mark.parametrize("name", INDEPENDENT)
 def test_the_rebound_is_that_of_the_law_and_of_second_order_in_the_step(name, in_c):
-    one, (expected, duration) = in_c(INDEPENDENT[name]), wide(INDEPENDENT[name])
-    errors = {n: one.largest_error(WIDE, expected, duration / n) for n in (50, 100, 800)}
+    code, (expected, duration) = in_c(INDEPENDENT[name]), wide(INDEPENDENT[name])
+    errors = {n: code.largest_error(WIDE, expected, duration / n) for n in (50, 100, 800)}
     assert errors[100] < 2e-4
     assert 1.8 < np.log(errors[50] / errors[800]) / np.log(16) < 2.2
     single = in_c(INDEPENDENT[name], ("-DSOFTJAX_REAL=float",))
@@ -90,9 +90,9 @@ def damped(name, velocity):
 @pytest.mark.parametrize("name", DAMPED)
 def test_damping_by_the_velocity_half_a_step_before_is_of_first_order(name, in_c):
     velocity, phases = np.geomspace(0.05, 5, 12), np.arange(20) / 20
-    one, (expected, duration) = in_c(DAMPED[name]), damped(name, velocity)
+    code, (expected, duration) = in_c(DAMPED[name]), damped(name, velocity)
     coarse, fine = (
-        one.largest_error(velocity, expected, duration / n, phases) for n in (400, 4000)
+        code.largest_error(velocity, expected, duration / n, phases) for n in (400, 4000)
     )
     assert coarse < 1e-3
     assert 0.8 < np.log(coarse / fine) / np.log(10) < 1.4
@@ -100,10 +100,10 @@ def test_damping_by_the_velocity_half_a_step_before_is_of_first_order(name, in_c
 
 @pytest.mark.parametrize("name", LAWS)
 def test_the_stiffness_is_the_slope_of_the_force(name, in_c):
-    one, width = in_c(LAWS[name]), 1e-11
+    code, width = in_c(LAWS[name]), 1e-11
     for before in ([], [1.001e-4]) if name in INDEPENDENT else ([],):  # loading, unloading
         for at in np.geomspace(2e-7, 1e-4, 40):
-            force, stiffness = one.forces([*before, at - width, at, at + width], 0.1)
+            force, stiffness = code.forces([*before, at - width, at, at + width], 0.1)
             low, middle, high = force[-3:]
             if low > 0:
                 slope = (high - low) / (2 * width)
@@ -123,18 +123,18 @@ def histories(top: float, count: int = 100):
 @pytest.mark.parametrize("name", [*INDEPENDENT, "gaining"])
 def test_no_history_gains_energy(name, in_c):
     law = GAINING if name == "gaining" else INDEPENDENT[name]
-    one, top = in_c(law), 60 * float(law.contact.critical_overlap)
+    code, top = in_c(law), 60 * float(law.contact.critical_overlap)
     for turns in histories(top):
-        gain, most = one.gained(turns, contact=law.contact)
+        gain, most = code.gained(turns, contact=law.contact)
         assert gain <= 1e-6 * most
 
 
 def test_without_the_losses_a_history_gains_no_more_than_an_impact_does(in_c):
-    one, top = in_c(GAINING, losses=False), 60 * float(GAINING.contact.critical_overlap)
+    code, top = in_c(GAINING, losses=False), 60 * float(GAINING.contact.critical_overlap)
     velocity = float(GAINING.contact.critical_velocity) * np.geomspace(1, 200, len(WIDE))
     impact = np.max(np.asarray(sj.restitution(GAINING, velocity).plastic_coefficient)) ** 2 - 1
     assert impact > 1e-4  # Eq. (12) with Table 1's χ̃ does gain energy
-    parts = [gain / most for gain, most in (one.gained(t, contact=PAIR) for t in histories(top))]
+    parts = [gain / most for gain, most in (code.gained(t, contact=PAIR) for t in histories(top))]
     assert 0 < max(parts) <= 1.01 * impact
 
 
@@ -191,14 +191,14 @@ def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
     """An impact returns ε² of its energy but for the sums of both works: 6e-6 of it were seen, at the kink."""
     velocity = np.geomspace(0.1, 5, 128)
     made, _ = exported(KINKED, "c", law="exact", steps=50, tolerance=0.5)
-    one, hit = in_c(KINKED), sj.restitution(KINKED, velocity)
-    off = np.max(np.abs(one.rebounds(velocity, np.asarray(hit.duration) / 800) - hit.coefficient))
+    code, hit = in_c(KINKED), sj.restitution(KINKED, velocity)
+    off = np.max(np.abs(code.rebounds(velocity, np.asarray(hit.duration) / 800) - hit.coefficient))
     assert off < made.choice.error < 1e-3
     overlaps = 0.7 * float(hit.peak_overlap[-1]) * np.linspace(1, 0.3, 9)
     expected = 0.99e7 * (4 * overlaps - 6e-5)
-    np.testing.assert_allclose(one.forces(overlaps)[0][1:], expected[1:], rtol=2e-3)
+    np.testing.assert_allclose(code.forces(overlaps)[0][1:], expected[1:], rtol=2e-3)
     for top in np.linspace(1e-5, 8e-5, 20):
-        gain, most = one.gained([0.0, top, 0.0], contact=PAIR)
+        gain, most = code.gained([0.0, top, 0.0], contact=PAIR)
         assert gain == pytest.approx(-0.01 * most, abs=2e-5 * most)
     overlaps = 5e-5 * np.array([1, 0.9, 0.7, 0.5, 0.36, 0.32, 0.1])  # a third of 50 µm stays
     expected = np.maximum(1.5e7 * (overlaps - 5e-5 / 3), 0)
@@ -211,14 +211,14 @@ def test_below_the_range_the_restitution_of_its_end_is_held(name, exported):
     """Within the stated error; faster impacts are as they were, but where they load again a dashpot pushes."""
     law, velocity = (INDEPENDENT | {"kinked": KINKED})[name], np.geomspace(1e-3, 0.0999, 12)
     made, folder = exported(law, "c", law="exact", tolerance=0.01, below="hold")
-    one = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
+    code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
     hit = sj.restitution(law, np.append(WIDE[4:], [0.1, 0.2, 3.0, 1.0]))  # by the program of `WIDE`
     slow, *fast = np.asarray(hit.coefficient)[-4:-1]
-    off = one.largest_error(velocity, slow, made.time_step, np.arange(8) / 8)
+    off = code.largest_error(velocity, slow, made.time_step, np.arange(8) / 8)
     assert off < 1.02 * made.choice.hold_error < 0.03
-    assert one.largest_error(velocity, slow, made.time_step / 100) < 6e-3
-    assert one.largest_error(np.array([0.2, 3.0]), fast, made.time_step / 10) < 2e-4
+    assert code.largest_error(velocity, slow, made.time_step / 100) < 6e-3
+    assert code.largest_error(np.array([0.2, 3.0]), fast, made.time_step / 10) < 2e-4
     assert f"ε is held at {float(slow):.4g} by a dashpot" in " ".join(made.warnings)
     peak = float(hit.peak_overlap[-1])
-    again = [one.forces([peak, 0.9 * peak], rate)[0][1] for rate in (-0.1, 0.0, 0.1)]
+    again = [code.forces([peak, 0.9 * peak], rate)[0][1] for rate in (-0.1, 0.0, 0.1)]
     assert again[0] == again[1] < again[2]

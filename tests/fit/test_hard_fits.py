@@ -198,7 +198,7 @@ def wave(seed, scattered=False, **options):
     data = cal.RestitutionData(velocity, exact + noise, uncertainty=0.01)
     starts = {name: cal.Parameter(x) for name, x in (("a", 0.5), ("b", 0.1), ("w", 2.0))}
     result = cal.fit(data, Wave, starts, profiles=False, **options)
-    warned = "several-minima" in {doubt.code for doubt in result.warnings}
+    warned = "several-minima" in {warning.code for warning in result.warnings}
     return float(result.rms**2 * 40 - np.sum(noise**2)) / 1e-4, warned
 
 

@@ -238,17 +238,17 @@ def test_outliers_lose_their_pull_under_student_s_t(size):
     np.testing.assert_allclose(result.covariance, covariance, rtol=1e-3)
     pulled = 0.9 - cal.fit(data, Decay, **QUICK).values["level"]
     assert abs(values[0] - 0.9) < 0.8 * size < pulled
-    named = {one.row - 1: one for one in result.outliers}
+    named = {outlier.row - 1: outlier for outlier in result.outliers}
     assert set(named) == set(range(0, 60, 9))
     standard = (data.restitution - decay(v, *values)) / scale
     slopes = np.stack([np.exp(-values[1] * v), -v * decay(v, *values)], axis=1)
     rows = slopes * np.sqrt(5 / (4 + standard**2))[:, None]  # the weights of maximum likelihood
     leverage = np.sum(rows @ np.linalg.inv(rows.T @ rows) * rows, axis=1)
-    for row, one in named.items():
+    for row, outlier in named.items():
         off = standard[row]
-        assert one.residual == pytest.approx(off / np.sqrt(1 - leverage[row]), rel=1e-5)
-        assert one.weight == pytest.approx(4 / (4 + off**2), rel=1e-4)
-        assert (one.velocity, one.line) == (v[row], None)
+        assert outlier.residual == pytest.approx(off / np.sqrt(1 - leverage[row]), rel=1e-5)
+        assert outlier.weight == pytest.approx(4 / (4 + off**2), rel=1e-4)
+        assert (outlier.velocity, outlier.line) == (v[row], None)
 
 
 def test_an_outlier_s_residual_is_over_what_such_a_residual_scatters_by():
@@ -256,7 +256,7 @@ def test_an_outlier_s_residual_is_over_what_such_a_residual_scatters_by():
     e = np.full(20, 0.85) + 0.004 * np.cos(np.arange(20.0))
     e[6] = 0.90
     data = cal.RestitutionData(np.linspace(1, 5, 20), e, uncertainty=0.01)
-    (one,) = cal.fit(data, "constant", **QUICK).outliers
-    assert (one.row, one.value) == (7, 0.90)
-    assert str(one).startswith("row 7, v = 2.263 m/s, ε = 0.9: +")  # 1 + 4 · 6/19 m/s
-    assert one.residual == pytest.approx((0.90 - np.mean(e)) / (0.01 * np.sqrt(0.95)), rel=1e-6)
+    (outlier,) = cal.fit(data, "constant", **QUICK).outliers
+    assert (outlier.row, outlier.value) == (7, 0.90)
+    assert str(outlier).startswith("row 7, v = 2.263 m/s, ε = 0.9: +")  # 1 + 4 · 6/19 m/s
+    assert outlier.residual == pytest.approx((0.90 - np.mean(e)) / (0.01 * np.sqrt(0.95)), rel=1e-6)

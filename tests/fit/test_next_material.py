@@ -103,7 +103,7 @@ def test_each_material_is_predicted_by_the_others(six):
     left = line.left_out()
     covered = [left[name].low < chi[k] < left[name].high for k, name in enumerate(NAMES)]
     assert all(covered)
-    widths = [np.log(one.high / one.low) for one in left.values()]
+    widths = [np.log(interval.high / interval.low) for interval in left.values()]
     assert max(widths) < 1.5  # and they tell something: within a factor of two
     others = np.arange(6) != 2
     expected = np.polyfit(RATIOS[others], chi[others], 1)
@@ -153,7 +153,7 @@ def test_psi_acts_below_yield_alone_and_a_value_at_its_bound_is_left_out_of_the_
         np.testing.assert_allclose(getattr(both, name)[1:], getattr(above, name)[1:], rtol=1e-9)
     assert both.low[0] < both.coefficient[0] < both.high[0]
     assert np.isnan(replace(line, materials=materials[1:]).band(contact, v).coefficient[0])
-    at_one = (materials[0], *(replace(one, eps_up=1 - 1e-15) for one in materials[1:]))
+    at_one = (materials[0], *(replace(material, eps_up=1 - 1e-15) for material in materials[1:]))
     with pytest.raises(ValueError, match=r"eps_up.*fewer than two"):
         replace(line, materials=at_one).law(contact)
 
@@ -194,8 +194,8 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(tmp_p
     assert "only a third material can test it." in report
     assert "less closely" not in report
     assert line.rms == pytest.approx({fit.name: fit.rms for fit in result.materials}, rel=1e-4)
-    one = cal.fit(sets[0], starts=4, profiles=False)
-    assert one.unloading_line is None
+    single = cal.fit(sets[0], starts=4, profiles=False)
+    assert single.unloading_line is None
 
 
 TOML = """

@@ -88,7 +88,7 @@ def test_times_and_forces_are_rows_of_the_likelihood(data, result):
 def test_table_problem_and_leave_one_out_are_of_the_same_density(data, result):
     _, time, force = shown(*(result.values[name] for name in NAMES))
     exact = time, force[5:]
-    off = [one.value / at - 1 for one, at in zip(data.observed, exact, strict=True)]
+    off = [block.value / at - 1 for block, at in zip(data.observed, exact, strict=True)]
     lines = [cells(line) for line in str(result).splitlines()]
     times, forces = (line for line in lines if "t_c" in str(line) or "F_max" in str(line))
     assert [times[:3], forces[:3]] == [
@@ -130,7 +130,7 @@ def test_bands_are_in_si_and_outliers_are_named(data, result, tmp_path):
     value[7] *= 1.5
     moved = cal.RestitutionData(V, data.restitution, PAIR, contact_time=value)
     found = cal.fit(moved, "walton-braun", SPRINGS, noise="student-t", **QUICK)
-    named = max(found.outliers, key=lambda one: abs(one.residual))
+    named = max(found.outliers, key=lambda outlier: abs(outlier.residual))
     assert (named.row, named.observable, named.value) == (8, "contact_time", value[7])
     assert "t_c" in str(named)
     found.save(tmp_path / "fit.json")
@@ -157,7 +157,7 @@ def test_times_far_from_a_law_without_freedom_are_named(factor, is_raised):
     hit = sj.restitution(sj.Hertz(PAIR), V)
     times = factor * np.asarray(hit.duration)
     result = cal.fit(cal.RestitutionData(V, contact_time=times, contact=PAIR), "hertz", **QUICK)
-    causes = [one.cause for one in result.warnings if one.code == "plausibility"]
+    causes = [warning.cause for warning in result.warnings if warning.code == "plausibility"]
     off = 100 * (1 - 1 / factor)
     assert causes == [f"contact time: the law misses the values by {off:.3g} % (rms)"] * is_raised
 
@@ -190,7 +190,7 @@ def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back():
     data = cal.CoverageCase("x", **case).data(np.random.default_rng((7, 0, 21)))
     free = {"contact.youngs_modulus": cal.Parameter()}
     result = cal.fit(data, None, free, profiles=False, starts=8)
-    assert [one.code for one in result.warnings] == ["sigma-psi-not-separate"]
+    assert [warning.code for warning in result.warnings] == ["sigma-psi-not-separate"]
     assert result.values["chi"] == pytest.approx(0.22, abs=0.03)
     psi = result.values["psi"]
     near = {"chi": cal.Parameter(0.22), "sigma": cal.Parameter(0.24)}

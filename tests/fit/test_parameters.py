@@ -45,7 +45,7 @@ def test_a_number_fixes_and_a_bound_is_kept():
         free = isinstance(parameters["level"], cal.Parameter)
         assert result.estimates["level"].at_bound == result.estimates["level"].free == free
         assert result.standard_errors["level"] is None
-        assert ("at-bound" in {one.code for one in result.warnings}) == free
+        assert ("at-bound" in {warning.code for warning in result.warnings}) == free
         assert ("level" in result.covariance_names) == free
 
 
@@ -167,7 +167,7 @@ def test_a_yield_strength_that_is_free_is_found_and_crossings_are_said():
         result = cal.fit(one, None, specs, **QUICK)
         assert result.values["contact.yield_strength"] == pytest.approx(strength, rel=1e-4)
         assert result.values["chi"] == pytest.approx(TRUTH["nylon"][1], rel=1e-3)
-        assert ("branch-change" in {doubt.code for doubt in result.warnings}) == crossed
+        assert ("branch-change" in {warning.code for warning in result.warnings}) == crossed
         assert float(result.law.contact.yield_strength) == pytest.approx(strength, rel=1e-4)
 
 

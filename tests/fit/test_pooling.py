@@ -28,7 +28,7 @@ def constants(spread=0.03, noise=0.02, seed=0):
 
 def random_effects(sets, noise=0.02):
     """μ, τ and the members' best predictions of y_gi ~ N(μ + b_g, s²), b_g ~ N(0, τ²), by REML over all points."""
-    values = np.concatenate([one.restitution for one in sets])
+    values = np.concatenate([data.restitution for data in sets])
     group = np.repeat(np.arange(len(sets)), len(V))
     together = (group[:, None] == group).astype(float)
     ones = np.ones(len(values))
@@ -49,7 +49,7 @@ def random_effects(sets, noise=0.02):
     found = minimize(criterion, [np.log(0.02)], method="Nelder-Mead", options={"xatol": 1e-9})
     tau = float(np.exp(found.x[0]))
     weight = tau**2 / (tau**2 + noise**2 / len(V))
-    means = np.array([np.mean(one.restitution) for one in sets])
+    means = np.array([np.mean(data.restitution) for data in sets])
     return mean(tau), tau, mean(tau) + weight * (means - mean(tau))
 
 
@@ -64,10 +64,10 @@ def test_the_normal_model_in_closed_form(tmp_path):
     found = [result.values[f"restitution[{name}]"] for name in NAMES]
     np.testing.assert_allclose(found, members, rtol=1e-5)
     error = np.sqrt((tau**2 + 0.02**2 / len(V)) / len(NAMES))  # of the mean of equal specimens
-    one = result.pooled["restitution"]
-    assert one.standard_error == pytest.approx(error, rel=1e-4)
+    pool = result.pooled["restitution"]
+    assert pool.standard_error == pytest.approx(error, rel=1e-4)
     reach = stats.t.ppf(0.975, len(NAMES) - 1) * error
-    assert (one.low, one.high) == pytest.approx((mean - reach, mean + reach), rel=1e-4)
+    assert (pool.low, pool.high) == pytest.approx((mean - reach, mean + reach), rel=1e-4)
     precision = (len(V) / 0.02**2) * np.eye(len(NAMES))
     precision += (np.eye(len(NAMES)) - 1 / len(NAMES)) / tau**2  # the mean integrated over
     errors = [result.standard_errors[f"restitution[{name}]"] for name in NAMES]

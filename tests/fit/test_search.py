@@ -55,7 +55,7 @@ def test_ten_times_off_in_all_three_gets_there_or_says_so(optimiser):
 def test_a_search_cut_short_says_so():
     result = cal.fit(twin("nylon"), max_steps=2, starts=1, route=BALANCE)
     assert not result.converged
-    assert "not-converged" in {doubt.code for doubt in result.warnings}
+    assert "not-converged" in {warning.code for warning in result.warnings}
     assert "NOT CONVERGED" in str(result)
     assert np.isfinite(result.values["chi"])
     assert result.optimiser_report[0].iterations <= 2
@@ -109,7 +109,7 @@ def test_a_parameter_that_moves_nothing_but_rounding_stays_where_it_is():
         assert result.converged
         assert result.standard_errors["scale"] is None
         assert 1e-4 < abs(result.values["scale"]) < 1e4
-        assert "rank-deficient" in {one.code for one in result.warnings}
+        assert "rank-deficient" in {warning.code for warning in result.warnings}
         noise = result.materials[0].noise
         assert noise == pytest.approx(np.std(restitution, ddof=1), rel=1e-6)  # it costs no point
         # ε² = 1/(1 + steeper)
@@ -175,7 +175,7 @@ def test_of_two_losses_that_went_to_nothing_the_one_that_is_there_comes_back():
     assert result.converged
     assert result.rms == pytest.approx(np.sqrt(2 * best.cost / 20), rel=1e-6)
     assert result.values["a"] == pytest.approx(best.x[0], rel=1e-3)
-    assert [one.cause[:2] for one in result.warnings if one.code == "at-bound"] == ["b "]
+    assert [w.cause[:2] for w in result.warnings if w.code == "at-bound"] == ["b "]
 
 
 def test_each_data_set_s_steps_are_limited_by_themselves():

@@ -66,7 +66,7 @@ def test_levenberg_marquardt_through_the_energy_balance_agrees(result):
         assert other.values[name] == pytest.approx(value, rel=1e-7)
     line = other.unloading_line
     assert line.c2.value == pytest.approx(result.unloading_line.c2.value, rel=1e-6)
-    stage = {one.stage: one for one in result.optimiser_report}["model"]
+    stage = {report.stage: report for report in result.optimiser_report}["model"]
     assert (stage.route, stage.optimiser) == ("ode", "optax L-BFGS")
     assert 3 < stage.evaluations < 300
     assert stage.gradient_norm < 1e-6

@@ -183,7 +183,7 @@ def record_lines(numbers, text, name):
         label = words if seen[words] == 1 else f"{words} ({seen[words]})"
         numbers.physics(f"{name}{label}", np.array(found, float))
     for table in re.findall(r"\{([-+\d.e,\s]+)\}", text):
-        values = np.array([float(one) for one in table.split(",") if one.strip()])
+        values = np.array([float(cell) for cell in table.split(",") if cell.strip()])
         key = f"{name}table {seen.setdefault('tables', 0)}"
         seen["tables"] += 1
         numbers.physics(key, [len(values), values.sum(), *values[:: max(len(values) // 8, 1)]])

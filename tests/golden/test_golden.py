@@ -8,7 +8,7 @@ import pytest
 from tests.golden.__main__ import RECORDED, found, moved
 from tests.golden.numbers import SCENARIOS, Numbers, differences, renewed, to_text
 
-CASES = [pytest.param(name, marks=[pytest.mark.long] * one.long) for name, one in SCENARIOS.items()]
+CASES = [pytest.param(n, marks=[pytest.mark.long] * s.long) for n, s in SCENARIOS.items()]
 
 
 @pytest.mark.parametrize("name", CASES)

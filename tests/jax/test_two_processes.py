@@ -25,9 +25,9 @@ def script() -> str:
 
 
 def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket() as connection:
+        connection.bind(("127.0.0.1", 0))
+        return connection.getsockname()[1]
 
 
 def both(code: str) -> list[tuple[int | None, str, str]]:
@@ -36,11 +36,11 @@ def both(code: str) -> list[tuple[int | None, str, str]]:
     given |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     started = [subprocess.Popen([sys.executable, "-c", code, k], **given) for k in "01"]
     try:
-        written = [one.communicate(timeout=240) for one in started]
+        written = [process.communicate(timeout=240) for process in started]
     finally:
-        for one in started:
-            one.kill()
-    return [(one.returncode, *text) for one, text in zip(started, written, strict=True)]
+        for process in started:
+            process.kill()
+    return [(process.returncode, *text) for process, text in zip(started, written, strict=True)]
 
 
 def test_each_process_has_its_half_and_the_slope_of_both():

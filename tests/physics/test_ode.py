@@ -108,7 +108,7 @@ def pulled():
 
 def rates():
     law, velocity, exact = by_rates()
-    return law, velocity, np.array([one.squared for one in exact])
+    return law, velocity, np.array([e.squared for e in exact])
 
 
 CASES = {

@@ -30,7 +30,7 @@ MODULE = textwrap.dedent(
 
 
 def test_every_sort_of_change_is_found_once():
-    found = {(one.line, one.kind, one.after) for one in changes_of("module.py", MODULE)}
+    found = {(change.line, change.kind, change.after) for change in changes_of("module.py", MODULE)}
     assert found == {
         (2, "constant", "LIMIT = 3.0"),
         (3, "constant", 'def scaled(x: "float[3]", factor=3):'),
@@ -48,7 +48,7 @@ def test_every_sort_of_change_is_found_once():
 
 def test_what_commutes_what_only_checks_and_looks_are_left_alone():
     def of(line):
-        return {one.after for one in changes_of("module.py", line.encode())}
+        return {change.after for change in changes_of("module.py", line.encode())}
 
     assert of("x = max(a, b)") == {"x = min(a, b)"}
     assert of("x = atan2(a, b)") == {"x = atan2(b, a)"}
@@ -78,7 +78,7 @@ def test_equivalents_are_read_by_file_and_both_lines_and_still_stand_in_their_fi
     every = [
         change for file in files for change in changes_of(file, (mutants.TOP / file).read_bytes())
     ]
-    assert equal <= {(one.file, one.before, one.after) for one in every}
+    assert equal <= {(change.file, change.before, change.after) for change in every}
 
 
 @pytest.fixture
@@ -143,12 +143,12 @@ def test_tests_that_run_a_line_are_chosen_the_cheapest_first():
 @pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # the child uses no JAX
 def test_changes_are_noticed_or_not_and_undone(project):
     tests = ["tests/test_module.py"]
-    every = {one.after: one for one in changes_of("module.py", MODULE)}
+    every = {change.after: change for change in changes_of("module.py", MODULE)}
     outcomes = {
         after: tried(project, every[after], tests, 60)
         for after in ("low = min(x / factor, LIMIT)", "if x <= 0 and factor:")
     }
-    assert [one.result for one in outcomes.values()] == [NOTICED, SURVIVED]
+    assert [outcome.result for outcome in outcomes.values()] == [NOTICED, SURVIVED]
     assert outcomes["low = min(x / factor, LIMIT)"].by == "FAILED tests/test_module.py::test_it"
     assert (project / "module.py").read_bytes() == MODULE
 

@@ -15,8 +15,8 @@ HEADER = ["law", "elpd", "Δelpd", "weight", "LOO rms", "rms", "AIC", "BIC", "k"
 
 
 def ranking(made):
-    (one,) = json.loads(made.text("compare.json"))["comparisons"]
-    return one["ranking"]
+    (comparison,) = json.loads(made.text("compare.json"))["comparisons"]
+    return comparison["ranking"]
 
 
 def score(value):
@@ -47,7 +47,7 @@ def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
     assert elpd == sorted(elpd, reverse=True)
     text, laws = " ".join(compared.out.split()), {}
     for entry in entries:
-        for code in dict.fromkeys(one["code"] for one in entry["warnings"]):
+        for code in dict.fromkeys(warning["code"] for warning in entry["warnings"]):
             laws.setdefault(code, []).append(entry["label"])
     assert "model-misfit" in laws
     for code, names in laws.items():  # each once, with the laws that have it
@@ -81,12 +81,12 @@ def test_each_law_has_its_curve_in_the_picture(compared):
         (a.get_title(), a.get_xlabel(), a.get_ylabel(), a.get_xscale()) for a in figure.axes
     ]
     assert shown_axes == [("alloy", "", EPSILON, "log"), ("", SPEED, f"{EPSILON}, enlarged", "log")]
-    named = [one for one in upper.get_lines() if not one.get_label().startswith("_")]
+    named = [line for line in upper.get_lines() if not line.get_label().startswith("_")]
     labels = [e["label"] for e in ranking(compared)]
-    assert sorted(one.get_label() for one in named) == sorted(labels)
+    assert sorted(line.get_label() for line in named) == sorted(labels)
     assert legend(figure) == ["data", *labels]
     # a curve on top of an equal one leaves its edges
-    widths = [one.get_linewidth() for one in named]
+    widths = [line.get_linewidth() for line in named]
     assert np.all(-np.diff(widths) >= 0.2)
     v, e = line(upper, "Walton–Braun")
     np.testing.assert_allclose(v[[0, -1]], VELOCITY[[0, -1]])
@@ -99,8 +99,8 @@ def test_each_law_has_its_curve_in_the_picture(compared):
     size = np.ptp(MADE)
     assert lower.get_ylim() == pytest.approx((np.min(MADE) - size / 2, np.max(MADE) + size / 2))
     assert upper.get_ylim()[0] == 0
-    assert len({to_hex(one.get_color()) for one in named}) == len(named)
-    assert len({str(one._unscaled_dash_pattern) for one in named}) == len(named)
+    assert len({to_hex(line.get_color()) for line in named}) == len(named)
+    assert len({str(line._unscaled_dash_pattern) for line in named}) == len(named)
     figure.draw_without_rendering()
     (below,) = figure.legends
     inside = below.get_window_extent()
@@ -119,10 +119,10 @@ def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path
     assert np.exp(-2 * angle / np.tan(angle)) == pytest.approx(value["constant"], rel=1e-5)
     assert value["linear"] < value["constant"] - 1e-4
     names = legend(made.figures["compare.png"])
-    assert sum("\n= " in one for one in names) == 1
+    assert sum("\n= " in name for name in names) == 1
     assert len(names) == 4  # data, the shared line, two of Thornton's
     drawn = [x for x in made.figures["compare.png"].axes[0].get_lines() if x.get_label()[0] != "_"]
-    assert len({str(one._unscaled_dash_pattern) for one in drawn}) == 3
+    assert len({str(picture._unscaled_dash_pattern) for picture in drawn}) == 3
     settings = json.loads(made.text("compare.json"))["settings"]
     assert settings["options"] == {"end": "zero-force"}
 

@@ -111,7 +111,7 @@ def test_the_fitted_curve_its_bands_and_residuals(alloy):
         ends = bars(container)[:, :, 1]
         np.testing.assert_allclose(ends, middle[:, None] + [-0.01, 0.01], atol=2e-7)
     assert upper.get_xlim() == lower.get_xlim()
-    (zero,) = (one for one in lower.get_lines() if len(one.get_xdata()) == 2)
+    (zero,) = (line for line in lower.get_lines() if len(line.get_xdata()) == 2)
     assert zero.get_ydata() == [0, 0]
     expected = ["data", "Walton–Braun, fitted", "95 %, one more measurement", "95 %, of the mean"]
     assert legend(alloy.figures["curves.png"]) == expected
@@ -138,7 +138,7 @@ def test_profiles_are_drawn_through_the_minimised_cost(alloy):
         np.testing.assert_allclose(
             parabola, ((fine - values[k]) / errors[k]) ** 2, rtol=2e-3, atol=1e-3
         )
-        ends = [one.get_xdata()[0] for one in ax.get_lines() if one.get_label() == "interval"]
+        ends = [line.get_xdata()[0] for line in ax.get_lines() if line.get_label() == "interval"]
         np.testing.assert_allclose([rise(k, end / scale[k]) for end in ends], threshold, rtol=1e-2)
         assert ends[0] < values[k] < ends[1]
         assert ax.get_ylim() == pytest.approx((0, 1.6 * threshold))
@@ -241,12 +241,12 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
     v = y[inside] * float(pair("nylon").critical_velocity)
     np.testing.assert_allclose(value[inside], sj.restitution(law, v).coefficient, atol=1e-9)
     named = [
-        one
-        for one in figure.axes[0].get_lines()
-        if not one.get_label().startswith("_") and one.get_linestyle() not in ("None", "none")
+        line
+        for line in figure.axes[0].get_lines()
+        if not line.get_label().startswith("_") and line.get_linestyle() not in ("None", "none")
     ]
-    assert len({str(one._unscaled_dash_pattern) for one in named}) == len(named) >= 6
-    assert len({one.get_color() for one in named}) == len(named)
+    assert len({str(line._unscaled_dash_pattern) for line in named}) == len(named) >= 6
+    assert len({line.get_color() for line in named}) == len(named)
 
 
 def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
@@ -303,16 +303,16 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
     monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
     assert str(fit) == text
     frame = fit.to_frame().set_index("parameter")
-    for name, one in fit.estimates.items():
+    for name, estimate in fit.estimates.items():
         row = frame.loc[name]
         found = [row[key] for key in ("value", "standard_error", "low", "high")]
         assert found == pytest.approx(
-            [one.value, one.standard_error, one.low, one.high]
-            if one.free
-            else [one.value, np.nan, np.nan, np.nan],
+            [estimate.value, estimate.standard_error, estimate.low, estimate.high]
+            if estimate.free
+            else [estimate.value, np.nan, np.nan, np.nan],
             nan_ok=True,
         )
-        assert (row["method"], row["free"]) == (one.method, one.free)
+        assert (row["method"], row["free"]) == (estimate.method, estimate.free)
     assert list(frame["unit"]) == ["N/m", "N/m", "1/m"]
     with drawn() as figures:
         names = fit.report(tmp_path / "mine")

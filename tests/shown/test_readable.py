@@ -28,12 +28,12 @@ def test_residuals_have_the_colour_of_their_size_and_a_unit_stands_at_value_and_
     with drawn() as figures:
         two_sizes.report(tmp_path / "out")
     upper, lower = figures["curves.png"].axes
-    curves = [one for one in upper.get_lines() if str(one.get_label()).startswith("R = ")]
-    colours = [to_hex(one.get_color()) for one in curves]
-    assert [one.get_label() for one in curves] == ["R = 2 mm", "R = 6 mm"]  # effective: half
+    curves = [line for line in upper.get_lines() if str(line.get_label()).startswith("R = ")]
+    colours = [to_hex(curve.get_color()) for curve in curves]
+    assert [curve.get_label() for curve in curves] == ["R = 2 mm", "R = 6 mm"]  # effective: half
     assert len(set(colours)) == 2
-    of_size = [one[0] for one in lower.containers]
-    assert [to_hex(one.get_color()) for one in of_size] == colours
+    of_size = [bars[0] for bars in lower.containers]
+    assert [to_hex(bars.get_color()) for bars in of_size] == colours
     data = two_sizes.material().data
     for points, rows in zip(of_size, (slice(0, 6), slice(6, 12)), strict=True):
         np.testing.assert_allclose(points.get_xdata(), data.velocity[rows])
@@ -53,10 +53,10 @@ def test_residuals_of_groups_have_colours_and_markers(tmp_path):
     with drawn() as figures:
         cal.fit(data, sj.ViscoelasticHertz, profiles=False).report(tmp_path / "out")
     figure = figures["curves.png"]
-    parts = {one.get_label(): one[0] for one in figure.axes[1].containers}
+    parts = {ax.get_label(): ax[0] for ax in figure.axes[1].containers}
     assert list(parts) == ["group B", "group A"]
     assert legend(figure)[-2:] == ["group B", "group A"]
-    assert len({(to_hex(one.get_color()), one.get_marker()) for one in parts.values()}) == 2
+    assert len({(to_hex(part.get_color()), part.get_marker()) for part in parts.values()}) == 2
     np.testing.assert_allclose(parts["group A"].get_xdata(), v[1::2])
     with drawn() as figures:
         two = cal.fit([data, replace(data, name="b")], sj.ViscoelasticHertz, profiles=False)
@@ -85,8 +85,8 @@ def test_a_band_much_wider_than_its_curve_is_cut_and_the_picture_says_so(noise, 
         code, _, err = run("curve", "--fit", tmp_path / "fit.json", *words)
     assert code == 0, err
     ((ax,),) = (figure.axes for figure in figures.values())
-    (name,) = [one for one in labels(ax) if one.startswith("95 %, of the mean")]
-    (curve,) = [one.get_ydata() for one in ax.get_lines() if len(one.get_ydata()) > 100]
+    (name,) = [label for label in labels(ax) if label.startswith("95 %, of the mean")]
+    (curve,) = [line.get_ydata() for line in ax.get_lines() if len(line.get_ydata()) > 100]
     half = (np.nanmax(curve) - np.nanmin(curve)) / 2
     _, below, above = band(ax, name)
     room = np.nanmin(curve) - half, np.nanmax(curve) + half
@@ -108,12 +108,12 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
     assert result.estimates["chi"].at_bound
     with drawn() as figures:
         result.report(tmp_path / "out")
-    (ax,) = [one for one in figures["profiles.png"].axes if "chi" in one.get_xlabel()]
+    (ax,) = [ax for ax in figures["profiles.png"].axes if "chi" in ax.get_xlabel()]
     assert ax.get_xscale() == "linear"
     profile = result.profiles["chi"]
     x, y = ax.get_lines()[0].get_data()
     assert np.interp(profile.high, x, y) == pytest.approx(profile.threshold, rel=0.01)
-    ends = [one.get_xdata()[0] for one in ax.get_lines() if one.get_label() == "interval"]
+    ends = [line.get_xdata()[0] for line in ax.get_lines() if line.get_label() == "interval"]
     assert ends[-1] == pytest.approx(profile.high)
 
 

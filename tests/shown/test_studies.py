@@ -48,7 +48,7 @@ def effect(name, v, h=1e-5):
 
 def straight(ax) -> list[float]:
     """Where lines without a label lie, across or up."""
-    plain = [one.get_xydata() for one in ax.get_lines() if one.get_label().startswith("_")]
+    plain = [line.get_xydata() for line in ax.get_lines() if line.get_label().startswith("_")]
     return [
         float(xy[0, k]) for xy in plain for k in (0, 1) if len(xy) == 2 and xy[0, k] == xy[1, k]
     ]
@@ -232,7 +232,7 @@ def test_a_wall_and_another_law(tmp_path):
     (ax,) = made.figures["sensitivity.png"].axes
     names = legend(ax)
     assert {"$E$", "$E$ wall", "$R$", "$A$", "$v$"} <= set(names)
-    assert not any("yield" in one for one in names)
+    assert not any("yield" in name for name in names)
     assert not np.any(np.isnan(line(ax, "$A$")[1]))
     assert ax.get_xscale() == "linear"  # less than one and a half decades
     # ε depends on w² ∝ A v^{1/5}: five times as much by A as by v

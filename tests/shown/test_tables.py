@@ -47,7 +47,7 @@ def test_a_curve_has_gaps_where_nothing_rebounds(tmp_path):
     assert 0 < rebounds.sum() < 16
     np.testing.assert_allclose(e[rebounds], np.asarray(hit.coefficient)[rebounds])
     assert line(ax, "first yield")[0][0] == pytest.approx(float(law.contact.critical_velocity))
-    (drawn,) = [one for one in ax.get_lines() if one.get_label() == "nylon"]
+    (drawn,) = [line for line in ax.get_lines() if line.get_label() == "nylon"]
     assert drawn.get_marker() == "o"
 
 

@@ -285,7 +285,7 @@ def test_a_law_that_made_the_data_is_set_apart_and_the_others_are_ranked():
     assert zhou.result.rms == pytest.approx(0.00588, abs=5e-6)
     assert zhou.result.values["eps_up"] == pytest.approx(1.0, abs=1e-6)
     assert zhou.result.values["chi"] == pytest.approx(0.27019, abs=2e-5)
-    assert {"eps-up-only", "at-bound"} <= {doubt.code for doubt in zhou.warnings}
+    assert {"eps-up-only", "at-bound"} <= {warning.code for warning in zhou.warnings}
     off = np.sqrt(np.mean((1 - nylon.data.restitution) ** 2))
     assert nylon["hertz"].rms == pytest.approx(off, rel=1e-12)
     assert nylon.converged
@@ -337,7 +337,7 @@ def test_a_second_minimum_is_told_where_it_is_as_good(rise, several):
     parameters = {"Ellipse": {"a": cal.Parameter(0.3, bounds=(-3.5, 3.5))}}
     entry = cal.compare(data, [Ellipse], parameters=parameters).entries[0]
     assert entry.result.values["a"] == pytest.approx(np.pi / 2, abs=1e-5)
-    causes = [doubt.cause for doubt in entry.warnings if doubt.code == "several-minima"]
+    causes = [warning.cause for warning in entry.warnings if warning.code == "several-minima"]
     assert any("another minimum for a" in cause for cause in causes) == several
 
 
@@ -346,5 +346,5 @@ def test_all_built_in_laws_are_candidates(points):
     velocity = np.geomspace(1.5, 60.0, points)
     noise = 0.005 * np.random.default_rng(1).normal(size=points)
     comparison = cal.compare(data_of(walton_braun(velocity, 1.08, 0.01) + noise, 0.005, velocity))
-    assert {one.key for one in comparison.entries} == {*cal.LAWS, "thornton-fixed"}
+    assert {entry.key for entry in comparison.entries} == {*cal.LAWS, "thornton-fixed"}
     assert comparison.ranking[0] == "Walton–Braun" or points < 100

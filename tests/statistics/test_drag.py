@@ -109,5 +109,5 @@ def test_a_drag_far_from_the_one_that_is_known_is_a_warning(factor, is_raised):
     data = cal.RestitutionData.from_table(table, uncertainty=5e-4, **BALL)
     result = cal.fit(data, "constant", **QUICK)
     assert result.values["air_drag"] == pytest.approx(factor - 1, abs=0.06)
-    causes = [one.cause for one in result.warnings if one.code == "prior-conflict"]
+    causes = [warning.cause for warning in result.warnings if warning.code == "prior-conflict"]
     assert ["air_drag" in cause for cause in causes] == [True] * is_raised

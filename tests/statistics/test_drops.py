@@ -54,9 +54,9 @@ def test_table_and_profile_have_the_interval_of_scipy(data, result):
         assert fit.standard_errors["chi"] > 0
         row = next(line for line in str(fit).splitlines() if " χ̃ " in line and "…" in line)
         assert "±" not in row
-        codes = [one.code for one in fit.warnings]
+        codes = [warning.code for warning in fit.warnings]
         assert codes.count("skewed") == codes.count("collinear") == 1
-    (cause,) = (one.cause for one in result.warnings if one.code == "collinear")
+    (cause,) = (warning.cause for warning in result.warnings if warning.code == "collinear")
     middle = float(np.median(data.velocity))
     band = result.band(middle)
     known = float(cause.partition("in their middle, ")[2].partition(" ±")[0])
@@ -108,9 +108,9 @@ def test_bootstrap_comparison_band_and_plan_agree(data, result):
         (low, high), abs=0.01 * (high - low)
     )
     low, high = np.min(data.velocity), np.max(data.velocity)
-    one = result.band(np.array([low, high]), kind="prediction")
+    band = result.band(np.array([low, high]), kind="prediction")
     mean = result.band(np.array([low, high]))
-    added = one.standard_error**2 - mean.standard_error**2
+    added = band.standard_error**2 - mean.standard_error**2
     rebound = data.restitution**2 * data.velocity**2 / (2 * simulated.GRAVITY)
     expected = (0.002 * data.restitution / (2 * rebound)) ** 2
     assert added[0] / added[1] == pytest.approx(

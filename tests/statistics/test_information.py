@@ -114,7 +114,7 @@ def test_a_product_is_known_as_its_sentence_says(below):
     assert len(found.names) == (3 if below else 2)
     slopes = by_differences(found.names, v, 0.003) if below else None
     covariance = np.linalg.inv(slopes @ slopes.T) if below else found.covariance
-    for sentence in (one for one in found.words if "will be known" in one):
+    for sentence in (word for word in found.words if "will be known" in word):
         product, error = sentence.removesuffix(" %").split(" will be known to ")
         exponents = dict.fromkeys(found.symbols, 0.0)
         for factor in product.split(" · "):

@@ -111,8 +111,8 @@ def joint(seed=0):
 
 def density_in_joint(sets, k):
     """ln p of a point by weighted least squares to all others, B's noise from B's other points."""
-    v = np.concatenate([one.velocity for one in sets])
-    e = np.concatenate([one.restitution for one in sets])
+    v = np.concatenate([data.velocity for data in sets])
+    e = np.concatenate([data.restitution for data in sets])
     of_b, kept, noise = np.arange(44) >= 14, np.arange(44) != k, 0.003
     for _ in range(6):
         u = np.concatenate([sets[0].uncertainty, np.full(30, noise)])

@@ -88,7 +88,7 @@ def test_what_the_data_do_not_determine_is_said_without_nan():
     result = cal.fit(drops(20), "zhou", parameters)
     assert result.standard_errors["sigma"] is None
     said_once = ("sigma-psi-not-separate", "rank-deficient", "collinear")
-    found = [one.code for one in result.warnings if one.code in said_once]
+    found = [warning.code for warning in result.warnings if warning.code in said_once]
     assert found == ["sigma-psi-not-separate"]
     assert "nan" not in str(result).lower()
 

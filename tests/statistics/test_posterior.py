@@ -283,7 +283,7 @@ def test_another_sampler_samples_it(sampler, nylon):
         code + "\n    draws.append(state.position)", names | {"blackjax": blackjax, "draws": draws}
     )
     assert len(draws) == 500
-    check({n: np.exp([float(one[n]) for one in draws]) for n in expected}, expected)
+    check({n: np.exp([float(draw[n]) for draw in draws]) for n in expected}, expected)
 
 
 AWKWARD = {  # σ and ψ only together; drops of bronze far above yield: χ̃ and ε_up only together
@@ -376,7 +376,7 @@ def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):
         edges = [bar.get_x() for bar in ax.patches] + [np.quantile(values, 0.998)]
         assert [bar.get_height() for bar in ax.patches] == np.histogram(values, edges)[0].tolist()
         assert ax.get_xlim() == pytest.approx(np.quantile(values, [0.002, 0.998]))
-        shown = [one.get_xdata()[0] for one in ax.get_lines() if "interval" in one.get_label()]
+        shown = [line.get_xdata()[0] for line in ax.get_lines() if "interval" in line.get_label()]
         assert shown == ends[name]
     assert legend(figure) == ["draws", "fit", "diverged", "the fit's interval"]
 

@@ -226,7 +226,7 @@ def test_scatter_beside_stated_uncertainties_is_of_the_largest_restricted_likeli
     assert 1.0 < error < 1.02
     assert result.materials[0].reduced_chi_squared is None
     assert "model-misfit" in {one.code for one in cal.fit(data, "constant", **QUICK).warnings}
-    assert "model-misfit" not in {one.code for one in result.warnings}
+    assert "model-misfit" not in {warning.code for warning in result.warnings}
 
 
 def test_scaled_uncertainties_are_scipy_s_relative_ones():

@@ -126,7 +126,7 @@ def test_an_interval_at_a_bound_knows_as_little_of_the_noise():
     result = cal.fit(data, starts=4)
     assert set(result.profiles) == {"chi", "eps_up"}
     assert result.values["eps_up"] == 1.0
-    (warning,) = (one for one in result.warnings if one.code == "at-bound")
+    (warning,) = (warning for warning in result.warnings if warning.code == "at-bound")
     assert "cannot exceed 1" in str(warning)
     assert "Widen" not in str(warning)
     for profile in result.profiles.values():

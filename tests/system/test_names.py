@@ -87,7 +87,7 @@ def test_a_page_and_a_picture_show_each_name_and_nothing_acts(hostile):
     page = Tags((hostile[0] / "r" / "report.html").read_text(encoding="utf-8"))
     assert page.open == page.named("script") == page.named("link") == []
     addresses = [attrs.get("href") or attrs.get("src") for _, attrs in page.tags]
-    assert all(one is None or one.startswith("data:image/png;base64,") for one in addresses)
+    assert all(a is None or a.startswith("data:image/png;base64,") for a in addresses)
     figure = hostile[3]
     figure.draw_without_rendering()
     titles = [ax.get_title().replace("\\$", "$").strip("\u200b") for ax in figure.axes]
