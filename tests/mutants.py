@@ -11,22 +11,19 @@ What nobody noticed is printed with its difference. A change that changes nothin
 
 import argparse
 import compileall
-import gc
-import multiprocessing
 import os
 import py_compile
 import random
-import resource
 import shutil
-import signal
+import subprocess
 import sys
 import tempfile
-import traceback
 from collections import Counter, defaultdict
-from importlib import import_module
+from concurrent.futures import ThreadPoolExecutor
 from itertools import accumulate
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from queue import SimpleQueue
+from typing import NamedTuple
 
 import pytest
 
@@ -52,15 +49,6 @@ PLACES = (
     *("refusals", "commands", "shown", "export", "system", "golden", "coverage"),
 )
 OWN = ("softjax", "calibration", "tests")
-LIBRARIES = (
-    "diffrax",
-    "optax",
-    "pandas",
-    "pydantic",
-    "scipy.optimize",
-    "scipy.stats",
-    "hypothesis",
-)
 NOTICED, SURVIVED, TIMEOUT = "noticed", "survived", "timeout"
 EQUAL = "equivalent"
 
@@ -72,7 +60,7 @@ class Outcome(NamedTuple):
 
 
 def package_of(file: str) -> str:
-    return next(name for name, folder in PACKAGES.items() if file.startswith(folder))
+    return next(name for name, one in PACKAGES.items() if file.startswith(one))
 
 
 def every_change(top: Path = TOP) -> dict[str, list[Change]]:
@@ -129,38 +117,22 @@ def tried(copy: Path, change: Change, tests: list[str], limit: int) -> Outcome:
 
 
 def tests_run(copy: Path, tests: list[str], limit: int) -> tuple[int, str]:
-    """The exit code of pytest in a copy of the project, below 0 beyond the limit, and what it said."""
-    with tempfile.TemporaryFile("w+", errors="replace") as output:
-        sys.stdout.flush()
-        child = os.fork()  # of a process that has the libraries loaded, and runs nothing else
-        if not child:
-            _tests_run(copy, tests, limit, output.fileno())
-        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        output.seek(0)
-        return code, output.read()
-
-
-def _tests_run(copy: Path, tests: list[str], limit: int, out: int) -> NoReturn:
-    code = pytest.ExitCode.INTERNAL_ERROR
-    gc.freeze()  # what the parent has is never collected here, nor its memory copied
+    """The exit code of pytest in a copy of the project, below 0 beyond the limit, and its output."""
+    options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--assert=plain"]
+    command = ["sh", "-c", f'ulimit -t {limit}; exec "$@"', "sh", sys.executable, "-m", "pytest"]
     try:
-        resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
-        signal.alarm(10 * limit)
-        os.dup2(out, 1)
-        os.dup2(out, 2)
-        sys.stdout = sys.stderr = os.fdopen(out, "w", buffering=1)
-        os.chdir(copy)
-        os.environ["PYTHONPATH"] = str(copy)
-        sys.path[:] = [str(copy), *(path for path in sys.path if path not in ("", str(TOP)))]
-        for name in [name for name in sys.modules if name.partition(".")[0] in OWN]:
-            del sys.modules[name]
-        words = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--assert=plain"]
-        code = pytest.main([*words, *tests])
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        os._exit(code)
+        done = subprocess.run(
+            [*command, *options, *tests],
+            cwd=copy,
+            env=os.environ | {"PYTHONPATH": str(copy)},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=10 * limit,
+        )
+    except subprocess.TimeoutExpired:
+        return -1, ""
+    return done.returncode, done.stdout + done.stderr
 
 
 def main() -> int:
@@ -197,49 +169,26 @@ def run(arguments) -> list[Outcome]:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", f"{folder}/compiled")
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
         lines = known_lines(arguments.lines, Path(folder) / "noted")
-        for library in LIBRARIES:
-            import_module(library)
-        forked = multiprocessing.get_context("fork")
-        copies = forked.SimpleQueue()
+        copies: SimpleQueue[Path] = SimpleQueue()
         for k in range(arguments.jobs):
             copies.put(copied(Path(folder) / str(k)))
+
+        def outcome(change: Change) -> Outcome:
+            if (change.file, change.before, change.after) in equal:
+                return Outcome(change, EQUAL, "")
+            chosen = lines.chosen(change.file, change.line)
+            tests = affordable(chosen, lines.seconds, arguments.seconds)
+            copy = copies.get()
+            found = tried(copy, change, tests, arguments.limit)
+            copies.put(copy)
+            return found._replace(by=found.by or f"{len(tests)} of {len(chosen)} tests")
+
         outcomes = []
-        with forked.Pool(arguments.jobs, _take, (copies,)) as pool:
-            work = [_work(change, lines, equal, arguments) for change in picked]
-            for outcome in pool.imap(_outcome, work):
-                outcomes.append(outcome)
-                print(told(outcome), flush=True)
+        with ThreadPoolExecutor(arguments.jobs) as pool:
+            for found in pool.map(outcome, picked):
+                outcomes.append(found)
+                print(told(found), flush=True)
     return outcomes
-
-
-class Work(NamedTuple):
-    """A change, the tests of it that are run, of how many, and the limit of their seconds."""
-
-    change: Change
-    tests: list[str]
-    of: int
-    limit: int
-    is_equivalent: bool
-
-
-def _work(change: Change, lines: Lines, equal: set, arguments) -> Work:
-    chosen = lines.chosen(change.file, change.line)
-    tests = affordable(chosen, lines.seconds, arguments.seconds)
-    is_equivalent = (change.file, change.before, change.after) in equal
-    return Work(change, tests, len(chosen), arguments.limit, is_equivalent)
-
-
-def _take(copies) -> None:
-    """A process that tries changes has a copy of the project of its own."""
-    global own_copy
-    own_copy = copies.get()
-
-
-def _outcome(work: Work) -> Outcome:
-    if work.is_equivalent:
-        return Outcome(work.change, EQUAL, "")
-    outcome = tried(own_copy, work.change, work.tests, work.limit)
-    return outcome._replace(by=outcome.by or f"{len(work.tests)} of {work.of} tests")
 
 
 def copied(to: Path) -> Path:

@@ -1,16 +1,117 @@
-"""The command line itself: what it refuses, its exit codes, and what it imports before it works."""
+"""What commands refuse: one line that names it, exit code 2, nothing written; and the command line itself."""
 
 import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
+import calibration as cal
+import softjax as sj
 from calibration import cli
-from tests.command import run
+from tests.cases import fitted
+from tests.command import noisy, run, write_alloy
 
-COMMANDS = ("curve", "sensitivity", "fit", "compare", "export", "speed", "doctor")
-HEAVY = ("jax", "numpy", "diffrax", "optax", "matplotlib", "scipy", "softjax")
+CONSTANT = "curve nylon --law constant"
+SENSITIVITY = "sensitivity nylon"
+GLOBAL = f"{SENSITIVITY} --study global"
+EXPORT = "export stainless-steel"
+# words of the command line, _ for a space within one: what the line has, parted by |
+REFUSED = {
+    "": "COMMAND",
+    "fti": "did you mean 'fit'",
+    "--colour fit": "--colour",
+    "fit --colour": "--colour",
+    "fit --sead 3": "did you mean '--seed'",
+    "fit shots.csv": "give the TOML file that names it, with data = 'shots.csv'",
+    "fit --objective three-step": "two-step",
+    "fit --route euler": "energy-balance",
+    "fit --seed -1": "--seed",
+    "fit --starts 0": "greater than or equal to 1",
+    "fit --starts many": "'many'",
+    "fit a.toml b.toml": "b.toml",
+    "fit no_such.toml": "no such file",
+    "fit --out": "--out",
+    "fit --posterior --objective two-step": "`objective` must be model for a posterior: it has a likelihood",
+    "fit ALLOY --rtol 1e-6 --route energy-balance": "`--rtol` must be left out",
+    "fit ALLOY --noise-dof 5": "`--noise-dof` must be left out",
+    "fit ALLOY --law hertz --form full": "form",
+    "fit ALLOY --extra-scatter --scale-uncertainty": "scale_uncertainty",
+    f"{SENSITIVITY} --study sobol": "did you mean 'global'",
+    "compare ALLOY --laws ,": "--laws",
+    "compare ALLOY --law hertz --form full": "zhou among the laws",
+    "compare ALLOY --law zhou --end zero-force": "hertz-dashpot or linear",
+    "compare ALLOY --free yield_factor": "--free",
+    "curve --law herz": "did you mean 'hertz'",
+    "curve shots.csv": "is a table of measurements",
+    "curve brass": "nylon",
+    "curve nylon --from 2 --to 1": "--to|2",
+    "curve nylon --from -1": "--from|-1",
+    "curve nylon --from 0 --spacing log": "--from|above 0",
+    "curve nylon --points 0": "--points|1 or more",
+    "curve nylon --points 1000001": "--points|1000000 rows|softjax.restitution",
+    "curve nylon --to inf": "--to|inf",
+    "curve nylon --velocities none.csv": "none.csv|no such file",
+    "curve nylon --velocities - --points 3": "--velocities",
+    "curve nylon --area hertz": "--chi",
+    "curve nylon --rtol 1e-9": "--rtol",
+    "curve nylon --set chii=1": "did you mean 'chi'",
+    "curve nylon --set contact=1": "--set",
+    "curve nylon --law hertz --chi 1": "--chi",
+    "curve nylon --law hertz --set sigma=1": "--set",
+    CONSTANT: "restitution",
+    f"{CONSTANT} --set restitution": "name=value",
+    f"{CONSTANT} --set restitution=2": "[0, 1]|2",
+    "curve --fit none.json": "none.json|no such file",
+    "curve --fit none.json --law zhou": "--law",
+    "curve nylon --material x": "--material",
+    "curve EMPTY --points 3": "MATERIAL",
+    "curve --fit FIT --chi 0": "--chi",
+    "curve --fit FIT --sigma 0": "--sigma",
+    "curve --fit FIT --psi 0": "--psi",
+    "curve --fit FIT --set chi=0.1": "--set",
+    "curve --fit FIT --route ode": "--route",
+    "curve --fit FIT chrome-steel --material nylon": "MATERIAL|--fit",
+    "curve --fit FIT --material EMPTY": "--material",
+    "curve --fit FIT --from 0.1 --to 0.2 --points 5": "do not determine",
+    f"{SENSITIVITY} --range chi=0.1:0.4": "--range",
+    f"{SENSITIVITY} --from 0": "--from",
+    f"{SENSITIVITY} --to inf": "`--to` must be a finite velocity above 0 m/s, but is inf",
+    f"{SENSITIVITY} --posterior x.nc": "whose draws they are, but is x.nc",
+    f"{SENSITIVITY} --at -1": "--at",
+    f"{SENSITIVITY} --points 1": "--points",
+    f"{SENSITIVITY} --shots 4": "--shots",
+    f"{SENSITIVITY} --law constant --set restitution=0": "ε = 0 everywhere",
+    f"{GLOBAL} --range chi=-0.1:0.1": "chi = -0.1 … 0.1",
+    f"{SENSITIVITY} --study design --target critical_velocity": "none of them affects it",
+    f"{SENSITIVITY} --study design --over 1:2": "--over",
+    f"{SENSITIVITY} --study design --criterion I --over fast": "--over",
+    f"{SENSITIVITY} --study information --shots 0": "`--shots` must be a whole number of 1",
+    f"{SENSITIVITY} --study information --free yield_strength=much": "--free",
+    "sensitivity --fit FIT --study design --free radius": "--free",
+    "sensitivity --fit FIT --study design --fix psi": "--fix",
+    "export nylon --to lamps": "did you mean 'lammps'",
+    EXPORT: "--to",
+    f"{EXPORT} --to c --range 5": "lowest:highest",
+    f"{EXPORT} --to c --law hertz-dashpot": "`--law` must be given with --set",
+    "export --fit FIT --to c --law zhou": "`--law` must be left out with --fit",
+    "export --fit FIT --to c --range 0.05:20": "where the data determine",
+}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A material file, and a fit that knows nothing below first yield."""
+    folder, law = tmp_path_factory.mktemp("given"), fitted("nylon")
+    v = np.geomspace(1.5, 60.0, 24)
+    e = np.asarray(sj.restitution(law, v).coefficient)
+    e = e + 0.003 * np.random.default_rng(4).normal(size=24)
+    result = cal.fit(
+        cal.RestitutionData(v, e, law.contact, 0.003, name="nylon"), profiles=False, starts=4
+    )
+    result.save(folder / "fit.json")
+    return {"ALLOY": str(write_alloy(folder)), "FIT": str(folder / "fit.json"), "EMPTY": ""}
 
 
 def exit_code(argv) -> int:
@@ -21,6 +122,88 @@ def exit_code(argv) -> int:
         return int(stop.code or 0)
 
 
+def check(argv, blamed, capsys):
+    code = exit_code(argv)
+    out, err = capsys.readouterr()
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert all(part in err for part in blamed.split("|")), err
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_unusable_command_lines_are_refused(words, files, capsys, at):
+    check([files.get(word, word) for word in words.split()], REFUSED[words], capsys)
+    assert list(at.iterdir()) == []
+
+
+FREE = "give --chi X, fix it by a plain number, or read its fit by --fit"
+OF_START = f"alloy.toml:13: chi is free, and its value a start; {FREE}"
+FACTOR = "--set yield_factor=X"
+
+
+@pytest.mark.parametrize(
+    ("words", "settings", "below", "blamed"),
+    [
+        ("fit", "", "restitution = 0.5", "alloy.toml:13: parameter is restitution; it must be of"),
+        ("fit", 'law = "hertz"\nobjective = "two-step"', "", "alloy.toml:4: objective is"),
+        ("fit", 'law = "thornton"\nroute = "closed form"', "", "Thornton"),
+        ("curve", "", "chi = { value = 0.1, bounds = [0.01, 10.0] }", OF_START),
+        (
+            "export --to c",
+            "",
+            "chi = { prior = [0.1, 0.05] }",
+            f"alloy.toml:13: chi is free; {FREE}",
+        ),
+        ("sensitivity", "", "chi = { value = 0.1 }", OF_START),
+        # which has a default: a file that leaves it to a fit does not say so
+        (
+            "curve --law thornton",
+            "",
+            "yield_factor = { value = 1.2 }",
+            f":13: yield_factor is free|{FACTOR}",
+        ),
+    ],
+)
+def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, capsys, at):
+    command, *more = words.split()
+    more += [] if command == "fit" or "thornton" in more else ["--sigma", "1", "--psi", "0.5"]
+    file = str(write_alloy(at, settings, below=below))
+    check([command, file, *more], blamed, capsys)
+    assert not (at / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("below", "more"),
+    [
+        ("chi = { value = 0.1 }", ("--chi", 0.2)),
+        ("chi = 0.2", ()),
+        ("chi = { value = 0.2, free = false }", ()),
+    ],
+)
+def test_a_value_that_is_fixed_or_given_is_taken(below, more, at):
+    words = ("--sigma", 1, "--psi", 0.5, "--from", 2, "--to", 20, "--points", 5, "--format", "csv")
+    assert run("curve", write_alloy(at, below=below), *more, *words, "--out", "results")[0] == 0
+    rows = np.loadtxt(at / "results/curve.csv", delimiter=",", skiprows=1, usecols=(0, 1))
+    velocity, coefficient = rows.T
+    law = sj.Zhou(noisy().contact, 0.2, 1.0, 0.5)
+    expected = sj.restitution(law, velocity).coefficient
+    np.testing.assert_allclose(coefficient, expected, rtol=1e-12)
+
+
+def test_what_another_law_leaves_free_is_no_matter(at):
+    for below, more in (
+        ("yield_factor = { value = 1.2 }", ("--set", "yield_factor=1.2")),
+        ("chi = { value = 0.1 }", ()),
+    ):
+        file = write_alloy(at, below=below)
+        assert (
+            run("curve", file, "--law", "thornton", *more, "--points", 5, "--format", "csv")[0] == 0
+        )
+
+
+# the command line itself
+
+COMMANDS = ("curve", "sensitivity", "fit", "compare", "export", "speed", "doctor")
+HEAVY = ("jax", "numpy", "diffrax", "optax", "matplotlib", "scipy", "softjax")
 CURVE = ["nylon", "--points", "3", "--format", "csv"]
 
 

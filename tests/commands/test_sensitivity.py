@@ -117,16 +117,12 @@ def test_global_indices_follow_their_options(at, capsys):
     assert log["mean"][0] > wide["mean"][0] + 0.005  # more of the small χ̃
 
 
-def test_ranges_end_where_an_inputs_own_range_does(at):
-    """1.045, a tenth above 0.95, would be no restitution, and count as ε = 0."""
+def test_what_a_global_study_does_not_vary_or_counts_as_zero_is_written(at, capsys):
+    """Ends of an input's own range, inputs without a logarithm, and samples without a rebound."""
     found = told_by(*GLOBAL, "--law", "constant", "--set", "restitution=0.95")["global"]
     assert found["ranges"]["restitution"] == pytest.approx((0.855, 1.0))
     assert "(ε no further than 1)" in found["assumed"]
     assert found["mean"] == pytest.approx([0.5 * (0.855 + 1.0)], rel=1e-3)  # uniform
-
-
-def test_what_has_no_logarithm_is_left_out_of_a_logarithmic_scale(at, capsys):
-    """A negative Poisson ratio, which nobody gave a range."""
     auxetic = BODIES.replace("poisson_ratio = 0.3", "poisson_ratio = -0.3")
     Path("foam.toml").write_text(auxetic, encoding="utf-8")
     law = ("--law", "constant", "--set", "restitution=0.5")
@@ -136,10 +132,6 @@ def test_what_has_no_logarithm_is_left_out_of_a_logarithmic_scale(at, capsys):
     out = capsys.readouterr().out
     assert "Not varied (below zero, without a logarithm): ν (poisson_ratio)." in out
     assert "poisson_ratio" in told_by("foam.toml", *law, *few)["global"]["inputs"]
-
-
-def test_samples_that_do_not_rebound_are_told(at, capsys):
-    """Eq. (17) ends at v_lim, here uniform in 321 … 329 m/s and so below v = 325 half of the time."""
     law = ("nylon", "--law", "eq-17", "--sigma", "0.4", "--psi", "0.5")
     options = ("--study", "global", "--samples", "64", "--range", "limit_velocity=321:329")
     found = told_by(*law, *options, "--at", "100", "325")["global"]
@@ -152,7 +144,7 @@ def test_samples_that_do_not_rebound_are_told(at, capsys):
 def fit(tmp_path_factory):
     """A fit with points on both sides of yield."""
     data = twin("nylon", noise=0.003, seed=1, uncertainty=0.003)
-    return cal.fit(data, route=sj.EnergyBalance(), profiles=False)
+    return cal.fit(data, route=sj.EnergyBalance(), profiles=False, starts=4)
 
 
 def test_a_fit_is_planned_with_its_own_points(at, fit):
@@ -177,13 +169,31 @@ def test_a_fit_is_planned_with_its_own_points(at, fit):
     assert losses["relative_errors"]["eps_up"] < design["relative_errors"]["sigma"]
 
 
-def test_a_plan_repeats_what_is_doubted_of_its_fit(at, capsys, fit):
+def test_a_plan_repeats_warnings_and_bounds_of_its_fit_and_names_the_way_out(at, capsys, fit):
     warning = cal.FitWarning("residual-runs", "2 runs where 6 are expected", fit.material().name)
     replace(fit, warnings=(warning, replace(warning, material="another"))).save("doubted.json")
     planned = told_by("--fit", "doubted.json", "--study", "information")
     assert planned["warnings"] == [str(warning)]
     out = " ".join(capsys.readouterr().out.split())
     assert "The plan relies on this fit, which has these warnings: ! residual-runs" in out
+    at_its_bound(fit, "psi", 0.7).save("bound.json")
+    (entry,) = told_by("--fit", "bound.json", "--study", "information")["information"][
+        "taken_as_known"
+    ]
+    assert entry.startswith("psi is at its bound 0.7 and is taken as known: the error")
+    chi = fit.values["chi"]
+    parts = f"({100 * (0.2 / chi - 1):+.2g} % to {100 * (0.25 / chi - 1):+.2g} %)"
+    assert f"the fit's 95 % interval of chi is 0.2 to 0.25 {parts}" in entry
+    assert entry in " ".join(capsys.readouterr().out.split())
+    part = replace(fit.material(), known_from=0.8352)
+    replace(fit, materials=(part,)).save("part.json")
+    command = ["sensitivity", "--fit", "part.json", "--study", "design", "--from", "0.1"]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert "but is 0.1" in error  # the lowest velocity, which is outside
+    assert "0.8352 m/s or more, where this fit knows the law" in error
+    assert "`softjax sensitivity FILE.toml --chi … --sigma … --psi … --study design" in error
+    assert "inf" not in error
 
 
 def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
@@ -198,32 +208,6 @@ def at_its_bound(fit: cal.FitResult, name: str, value: float) -> cal.FitResult:
     values = {**material.values, name: value}
     material = replace(material, parameters=parameters, values=values)
     return replace(fit, materials=(material,), covariance=covariance)
-
-
-def test_a_parameter_at_its_bound_is_taken_as_known_and_said_with_the_fits_interval(
-    at, capsys, fit
-):
-    at_its_bound(fit, "psi", 0.7).save("bound.json")
-    (entry,) = told_by("--fit", "bound.json", "--study", "information")["information"][
-        "taken_as_known"
-    ]
-    assert entry.startswith("psi is at its bound 0.7 and is taken as known: the error")
-    chi = fit.values["chi"]
-    parts = f"({100 * (0.2 / chi - 1):+.2g} % to {100 * (0.25 / chi - 1):+.2g} %)"
-    assert f"the fit's 95 % interval of chi is 0.2 to 0.25 {parts}" in entry
-    assert entry in " ".join(capsys.readouterr().out.split())
-
-
-def test_a_plan_where_the_fit_knows_nothing_names_the_way_out(at, capsys, fit):
-    part = replace(fit.material(), known_from=0.8352)
-    replace(fit, materials=(part,)).save("part.json")
-    command = ["sensitivity", "--fit", "part.json", "--study", "design", "--from", "0.1"]
-    assert main(command) == 2
-    error = capsys.readouterr().err
-    assert "but is 0.1" in error  # the lowest velocity, which is outside
-    assert "0.8352 m/s or more, where this fit knows the law" in error
-    assert "`softjax sensitivity FILE.toml --chi … --sigma … --psi … --study design" in error
-    assert "inf" not in error
 
 
 def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, capsys, fit):

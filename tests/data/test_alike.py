@@ -5,7 +5,6 @@ import pytest
 from hypothesis import strategies as st
 
 import calibration as cal
-from tests.covariance import covariance_of
 from tests.drawn import drawn
 
 G = 9.80665
@@ -55,35 +54,6 @@ def test_one_experiment_in_all_ways_and_by_every_reader(way, read, read_toml):
         np.testing.assert_allclose(data.restitution, RESTITUTION, rtol=1e-12)
         assert list(data.group) == LAUNCH
     assert found[0].remarks == found[2].remarks
-
-
-def test_stated_timing_by_a_file_by_python_and_by_a_column(read, read_toml):
-    """Times shared by neighbours: each bounce in the middle makes one interval longer, one shorter."""
-    text = csv(WAYS["times"])
-    column = csv(WAYS["times"] | {"u_t [ms]": [0.4] * 9})
-    every = [
-        read(text, time_uncertainty="0.4 ms"),
-        read(column),
-        cal.RestitutionData.from_table(WAYS["times"], timing_uncertainty=4e-4),
-        *read_toml(MATERIAL + "time_uncertainty = '400 us'\n", text),
-    ]
-    t, e = np.concatenate([part[:-1] for part in INTERVALS]), RESTITUTION
-    for data in every:
-        np.testing.assert_allclose(data.uncertainty, 4e-4 * np.sqrt(1 + (1 + e) ** 2 + e**2) / t)
-        np.testing.assert_allclose(
-            covariance_of(data, -0.1), covariance_of(every[0], -0.1), rtol=1e-9
-        )
-
-
-def test_heights_and_velocities_that_tell_the_same_have_the_same_covariance(read):
-    """u(h) = v u(v)/g: what a height is off by is a velocity's error in other words."""
-    u = 0.02
-    speeds = read(csv(WAYS["velocities"]), velocity_uncertainty=u)
-    heights = {"h0": VELOCITY**2 / (2 * G), "hf": AFTER**2 / (2 * G)}
-    heights |= {"u_h0": VELOCITY * u / G, "u_hf": AFTER * u / G}
-    for slope in (0.0, -0.2):
-        one, other = (covariance_of(x, slope) for x in (speeds, read(csv(heights))))
-        np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
 def decimal(comma):

@@ -75,10 +75,6 @@ def read(path):
     return nbformat.read(path, as_version=4)
 
 
-def test_all_are_there():
-    assert [path.stem[0] for path in NOTEBOOKS] == list("123456789")
-
-
 @pytest.mark.long  # by default the first one runs without a kernel, beside the README's examples
 @pytest.mark.parametrize(
     "path",
@@ -118,17 +114,14 @@ def test_what_it_imports_is_there(path):
 
 
 @each
-def test_has_its_shape(path):
-    text = "\n".join(c.source for c in read(path).cells if c.cell_type == "markdown")
+def test_has_its_shape_and_is_stored_executed_with_its_figures(path):
+    notebook = read(path)
+    text = "\n".join(c.source for c in notebook.cells if c.cell_type == "markdown")
+    assert [path.stem[0] for path in NOTEBOOKS] == list("123456789")
     assert re.findall(r"^## (.+)$", text, re.M) == SECTIONS
     assert len(re.findall(r"^# (.+)$", text, re.M)) == 1
     model = text[text.index("## Model") : text.index("## Figure")]
     assert "$$" in model  # an equation
-
-
-@each
-def test_is_stored_executed_with_its_figures(path):
-    notebook = read(path)
     nbformat.validate(notebook)
     assert figures(notebook)
     assert not outputs(notebook, "error")
@@ -139,6 +132,10 @@ def test_is_stored_executed_with_its_figures(path):
     assert not any("execution" in cell.metadata for cell in notebook.cells)  # no times
     assert not re.search(SOMEBODYS_PATH, path.read_text(encoding="utf-8"))
     assert path.stat().st_size < LARGEST
+    picture = matplotlib.image.imread(FOLDER / "figures" / f"{path.stem}.png")
+    drawn = [matplotlib.image.imread(io.BytesIO(png)) for png in figures(notebook)]
+    same_size = [one for one in drawn if one.shape[:2] == picture.shape[:2]]
+    assert any(np.abs(one[..., :3] - picture[..., :3]).mean() < 0.003 for one in same_size)
 
 
 @each
@@ -150,11 +147,3 @@ def test_the_reading_names_numbers_that_were_printed(path):
     named = [n for n in re.findall(NUMBER, reading.source) if "." in n or "e" in n]
     assert named
     assert not [number for number in named if number not in known]
-
-
-@each
-def test_the_picture_beside_it_is_one_of_its_figures(path):
-    picture = matplotlib.image.imread(FOLDER / "figures" / f"{path.stem}.png")
-    drawn = [matplotlib.image.imread(io.BytesIO(png)) for png in figures(read(path))]
-    same_size = [one for one in drawn if one.shape[:2] == picture.shape[:2]]
-    assert any(np.abs(one[..., :3] - picture[..., :3]).mean() < 0.003 for one in same_size)

@@ -149,8 +149,10 @@ def test_losses_that_are_in_no_force_can_be_left_out(losses, in_c):
     assert np.max(np.abs(by_macro.rebounds(velocity, step) - expected)) < 2e-6
 
 
-def test_where_nothing_rebounds_the_bodies_stay_in_touch(in_c):
-    """Eq. (16) without a real root: v_cr near v_lim; the header of such a contact."""
+def test_one_header_serves_all_sizes_and_where_nothing_rebounds_the_bodies_stay_in_touch(
+    in_c, tmp_path, header
+):
+    """1/R = 1 + 1/3 and 1/M = 1/2 + 1/6; Eq. (16) without a real root: v_cr near v_lim."""
     contact = dataclasses.replace(PAIR, limit_velocity=1.001 * float(PAIR.critical_velocity))
     law = dataclasses.replace(STEEL, contact=contact)
     hit, some = sj.restitution(law, WIDE), slice(71, 90, 3)  # from 0.4 to 2 m/s
@@ -158,10 +160,6 @@ def test_where_nothing_rebounds_the_bodies_stay_in_touch(in_c):
     step = np.asarray(hit.duration)[some] / 400
     found = in_c(law, velocity_range=(0.4, 2.0)).rebounds(WIDE[some], step, contact=contact)
     assert np.all(np.abs(found) < 0.02)  # what the last step of loading leaves
-
-
-def test_one_header_serves_all_sizes(in_c, tmp_path, header):
-    """And makes a pair of two spheres: 1/R = 1 + 1/3 and 1/M = 1/2 + 1/6."""
     steel = MATERIALS["stainless steel"]
     contact = sj.Contact.between_spheres(steel, steel, 1e-3, 4e-3)
     expected, duration = wide(dataclasses.replace(STEEL, contact=contact))

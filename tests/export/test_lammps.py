@@ -28,7 +28,6 @@ from tests.export.laws import DENSITY, PAIR, RANGE, STEEL, VELOCITIES
 from tests.physics.own_laws import Borrowed
 
 pytestmark = needs_lammps
-long = pytest.mark.long
 PLATE = sj.WaltonBraun(PAIR, 4e7, 1.5 * 4e7, 100.0)
 WALL = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
 LOAD = ["plugin load ./softjaxplugin.so", "pair_style softjax", "pair_coeff * * softjax"]
@@ -184,19 +183,16 @@ def meeting(x: float, y: float, velocity: float, drift_x: float, drift_y: float)
     ]
 
 
-@pytest.mark.parametrize("drift", [300.0, *(pytest.param(d, marks=long) for d in (0.0, -300.0))])
-def test_a_contact_that_crosses_the_boundary_of_two_processes(drift, plugin):
+def test_a_contact_that_crosses_the_boundary_of_two_processes(plugin):
     """They meet where processors do, at x = 0; at 300 m/s both change their processor."""
-    duration = float(sj.restitution(STEEL, 1.0).duration)
+    drift, duration = 300.0, float(sj.restitution(STEEL, 1.0).duration)
     lines = ["processors * 1 1", *meeting(-drift * duration / 2, 0, 1.0, drift, 0)]
     lines += [f"timestep {duration / 400!r}", "run 600", "variable e equal vx[2]-vx[1]"]
     (found,) = lammps([*lines, 'print "RESULT $(v_e:%.15g)"'], plugin[0], ranks=2)
     assert found[0] == pytest.approx(restitution(STEEL, 1.0), abs=1e-5)
 
 
-@pytest.mark.parametrize(  # loading, at the peak, unloading
-    "at", [pytest.param(20, marks=long), pytest.param(45, marks=long), 75]
-)
+@pytest.mark.parametrize("at", [20, 75])  # loading, unloading
 def test_a_restart_in_mid_contact_changes_nothing(at, plugin):
     folder, stated = plugin[0], 'print "RESULT $(vx[1]:%.17g) $(vx[2]:%.17g) $(x[1]:%.17g)"'
     step = f"timestep {float(sj.restitution(STEEL, 5.0).duration) / 100!r}"
@@ -306,7 +302,7 @@ def test_what_the_plugin_cannot_do_is_refused(line, other, said, plugin):
     assert said in output
 
 
-@long
+@pytest.mark.long
 def test_a_table_is_of_one_pair_of_sizes(tmp_path):
     law = Borrowed(PAIR, sj.Thornton(PAIR, 2.8))
     cal.export(law, "lammps", tmp_path, velocity_range=RANGE, law="exact", steps=100)

@@ -47,7 +47,7 @@ def six():
     return chi, up, cal.fit(sets, starts=4, profiles=False)
 
 
-def test_the_law_has_the_lines_factor_and_the_mean_restitution_at_yield(six):
+def test_law_scatter_and_intervals_are_those_of_weighted_least_squares(six):
     _, _, result = six
     line, contact = result.unloading_line, contact_of(6.5e8)
     law = line.law(contact)
@@ -61,9 +61,6 @@ def test_the_law_has_the_lines_factor_and_the_mean_restitution_at_yield(six):
     assert float(stated) == pytest.approx(1 / (1 + np.exp(-mean)), rel=1e-9)
     given = line.law(contact, sigma=0.7, psi=0.4)
     assert (float(given.sigma), float(given.psi)) == pytest.approx((0.7, 0.4), rel=1e-14)
-
-
-def test_the_scatter_and_the_intervals_are_those_of_weighted_least_squares(six):
     _, _, result = six
     line = result.unloading_line
     chi, error = (np.array([getattr(m, n) for m in line.materials]) for n in ("chi", "chi_error"))
@@ -97,7 +94,7 @@ def test_the_scatter_and_the_intervals_are_those_of_weighted_least_squares(six):
     )
 
 
-def test_each_material_is_predicted_by_the_others(six):
+def test_each_material_is_predicted_by_the_others_and_a_band_is_what_each_unknown_does(six):
     chi, up, result = six
     line = result.unloading_line
     left = line.left_out()
@@ -112,9 +109,6 @@ def test_each_material_is_predicted_by_the_others(six):
     band = line.band(contact, v, eps_up=float(up[2]))
     truth = result.material(NAMES[2]).data.restitution
     assert np.all((band.low - 0.006 < truth) & (truth < band.high + 0.006))
-
-
-def test_a_band_is_what_each_unknown_does(six):
     _, _, result = six
     line, contact = result.unloading_line, contact_of(6.5e8)
     v = float(contact.critical_velocity) * np.array([0.5, 2.0, 20.0])

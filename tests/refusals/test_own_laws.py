@@ -155,25 +155,20 @@ def test_the_same_by_time():
     assert "jnp.where" in refused("force", lambda x, u: math.exp(x), 1.0, sj.ODE())
 
 
-@pytest.mark.parametrize(
-    ("law", "base"),
-    [
-        (sj.Zhou, "RateIndependentLaw"),
-        (sj.Thornton, "RateIndependentLaw"),
-        (sj.WaltonBraun, "RateIndependentLaw"),
-        (sj.Hertz, "RateIndependentLaw"),
-        (sj.LinearSpringDashpot, "RateDependentLaw"),
-        (sj.HertzDashpot, "RateDependentLaw"),
-        (sj.ViscoelasticHertz, "RateDependentLaw"),
-        (sj.ConstantRestitution, "HardSphereLaw"),
-        (sj.EmpiricalRestitution, "HardSphereLaw"),
-    ],
-)
-def test_the_librarys_laws_are_final(law, base):
+FINAL = {
+    "RateIndependentLaw": (sj.Zhou, sj.Thornton, sj.WaltonBraun, sj.Hertz),
+    "RateDependentLaw": (sj.LinearSpringDashpot, sj.HertzDashpot, sj.ViscoelasticHertz),
+    "HardSphereLaw": (sj.ConstantRestitution, sj.EmpiricalRestitution),
+}
+
+
+@pytest.mark.parametrize("base", FINAL)
+def test_the_librarys_laws_are_final(base):
     """Their formulas hold for their own forces alone."""
-    line = f"`Own` must derive from {base}, but derives from {law.__name__}, which is final"
-    with pytest.raises(ValueError, match=line):
-        type("Own", (law,), {})
+    for law in FINAL[base]:
+        line = f"`Own` must derive from {base}, but derives from {law.__name__}, which is final"
+        with pytest.raises(ValueError, match=line):
+            type("Own", (law,), {})
     assert type("Other", (getattr(sj, base),), {}).__name__ == "Other"
 
 

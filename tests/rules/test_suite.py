@@ -140,7 +140,6 @@ def test_tests_that_run_a_line_are_chosen_the_cheapest_first():
     assert affordable(["a::slow"], lines.seconds, 1.0) == ["a::slow"]
 
 
-@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # the child uses no JAX
 def test_changes_are_noticed_or_not_and_undone(project):
     tests = ["tests/test_module.py"]
     every = {change.after: change for change in changes_of("module.py", MODULE)}

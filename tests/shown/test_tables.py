@@ -56,7 +56,7 @@ def test_what_a_fit_does_not_determine_is_grey(tmp_path):
     exact = np.asarray(sj.restitution(law, v).coefficient)
     noise = 0.003 * np.random.default_rng(1).standard_normal(12)
     data = cal.RestitutionData(v, exact + noise, law.contact, 0.003, name="nylon")
-    cal.fit(data, profiles=False).save(tmp_path / "fit.json")
+    cal.fit(data, profiles=False, starts=4).save(tmp_path / "fit.json")
     few = ("--from", "0.1", "--to", "20", "--points", "30")
     made = shown(tmp_path, "curve", "--fit", tmp_path / "fit.json", *few)
     (ax,) = made.figures["curve.png"].axes

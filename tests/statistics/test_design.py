@@ -172,21 +172,6 @@ def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():
     assert found.before is None
 
 
-def test_no_shift_of_some_shots_is_better():
-    bounds = 2 * CRITICAL, 80 * CRITICAL
-    found = cal.optimal_velocities(LAW, 12, bounds, uncertainty=NOISE)
-    assert (found.target, sum(count for _, count in found.support)) == ("chi", 12)
-    assert found.gain > 1.15
-    best = found.relative_errors["chi"]
-    assert found.gain == pytest.approx(found.equally_spaced["chi"] / best)
-    for place, _ in found.support:
-        for factor in (0.8, 0.95, 1.05, 1.2):
-            there = np.isclose(found.velocity, place, rtol=0.01)
-            v = np.clip(np.where(there, factor, 1.0) * found.velocity, *bounds)
-            planned = cal.fisher_information(LAW, v, NOISE)
-            assert planned.relative_errors["chi"] > best * (1 - 1e-4)
-
-
 @pytest.mark.parametrize("criterion", ["A", pytest.param("I", marks=pytest.mark.long)])
 def test_a_design_beside_specimens_is_as_good_as_the_best_on_a_grid(criterion):
     """Of a fit its points and its noise are taken."""

@@ -33,7 +33,7 @@ def with_yield(**options):
 def test_a_prior_on_yield_keeps_what_the_points_above_it_determine():
     """ε_up in place of σ and ψ, with the values and errors of SciPy's least squares."""
     data = drops(20)
-    result = cal.fit(data, "zhou", with_yield(prior=(YIELD, 0.05 * YIELD)))
+    result = cal.fit(data, "zhou", with_yield(prior=(YIELD, 0.05 * YIELD)), **QUICK)
     names = ("chi", "eps_up", "contact.yield_strength")
     assert result.covariance_names == names
     assert result.condition_number < 100
@@ -85,7 +85,7 @@ def test_a_yield_strength_that_is_fixed_decides_which_points_are_above_it():
 
 def test_what_the_data_do_not_determine_is_said_without_nan():
     parameters = with_yield(prior=(YIELD, 0.05 * YIELD)) | {"sigma": cal.Parameter(2.0)}
-    result = cal.fit(drops(20), "zhou", parameters)
+    result = cal.fit(drops(20), "zhou", parameters, **QUICK)
     assert result.standard_errors["sigma"] is None
     said_once = ("sigma-psi-not-separate", "rank-deficient", "collinear")
     found = [warning.code for warning in result.warnings if warning.code in said_once]

@@ -144,7 +144,7 @@ def test_inputs_of_a_law_are_its_single_numbers_by_names_of_their_own():
 def test_of_a_fit_above_yield_the_loss_is_one_input():
     """σ and ψ act through ε_up alone: ε_up ∂ε/∂ε_up = -σ ∂ε/∂σ / (-ln ε_up)."""
     data = twin("nylon", y=np.geomspace(1.3, 80, 20), noise=0.003, seed=1)
-    result = cal.fit(data, profiles=False)
+    result = cal.fit(data, profiles=False, starts=4)
     v = np.array([5.0, 40.0])
     found, law = cal.sensitivity(result, v, material="nylon"), cal.sensitivity(result.law, v)
     assert {"chi", "eps_up"} <= set(found.names)

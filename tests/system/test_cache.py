@@ -69,7 +69,7 @@ def test_time_integration_is_kept_too(tmp_path):
     assert programs(tmp_path) == kept
 
 
-def test_doctor_tells_versions_and_checks_itself_by_narrow_limits(at):
+def test_doctor_has_versions_and_checks_itself_by_narrow_limits(at):
     """Each error is below its own limit, which no error of the physics would pass."""
     code, out, error = run("doctor", "--no-cache")
     assert (code, error) == (0, "")
@@ -87,8 +87,5 @@ def test_doctor_tells_versions_and_checks_itself_by_narrow_limits(at):
         assert 0 < float(found) <= float(most)
     assert run("doctor", "--quiet") == (0, "", "")
     assert list(at.iterdir()) == []
-
-
-def test_the_version_is_that_of_the_distribution():
     out = subprocess.check_output([sys.executable, "-m", "calibration", "--version"], text=True)
     assert out == f"softjax-contact {metadata.version('softjax-contact')}\n"

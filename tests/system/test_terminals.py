@@ -43,8 +43,10 @@ def shown(monkeypatch, tmp_path, alloy, columns=None, term="xterm", out=None, er
     return out.getvalue(), error.getvalue()
 
 
-def test_no_line_is_wider_than_the_terminal(monkeypatch, tmp_path, alloy):
-    """And every word and number of a wide one is there."""
+def test_no_line_is_wider_than_the_terminal_and_progress_is_for_terminals(
+    monkeypatch, tmp_path, alloy
+):
+    """Every word of a wide one is there; without going back a line a stage, in a pipe or when quiet nothing."""
     plain = re.compile(r"\x1b\[[0-9;]*m")
     texts = {n: plain.sub("", shown(monkeypatch, tmp_path, alloy, n)[0]) for n in (50, 70, 200)}
     for columns, text in texts.items():
@@ -55,10 +57,6 @@ def test_no_line_is_wider_than_the_terminal(monkeypatch, tmp_path, alloy):
     assert words[200] <= words[70]
     assert all("0.9563 ± 0.0020" in text for text in texts.values())  # mean and s/√24 of the points
     assert texts[50] != texts[200]
-
-
-def test_progress_is_for_terminals(monkeypatch, tmp_path, alloy):
-    """On one that cannot go back a line a stage; in a pipe, or when quiet, nothing."""
     able = shown(monkeypatch, tmp_path, alloy)[1]
     assert able.startswith("softjax fit: loading")
     assert "\r" in able
