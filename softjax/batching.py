@@ -23,7 +23,7 @@ from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 
 from softjax.checks import ArgumentError, is_traced
-from softjax.fields import combine, partition, whole_leaves
+from softjax.fields import combine, partition, shared_leaves
 from softjax.numerics.derivatives import (
     Shared,
     Single,
@@ -109,26 +109,28 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
     arrays, static = partition((parameters, velocity))
     leaves, structure = jax.tree.flatten(arrays)
     program = _Program(function, settings, structure, static)
-    whole = whole_leaves(arrays)
-    shape = np.broadcast_shapes(*(np.shape(x) for x, w in zip(leaves, whole, strict=True) if not w))
+    shared = shared_leaves(arrays)
+    shape = np.broadcast_shapes(
+        *(np.shape(x) for x, w in zip(leaves, shared, strict=True) if not w)
+    )
     # within the caller's own program whatever is computed is traced, of constants too
     # (`device_put` knows without anything to compile)
     if any(is_traced(leaf) for leaf in leaves) or is_traced(jax.device_put(0.0)):
-        return _of_traced(program, leaves, whole, shape, cut)
+        return _of_traced(program, leaves, shared, shape, cut)
     count = math.prod(shape)
     arrays_of_jax = [leaf for leaf in leaves if isinstance(leaf, jax.Array)]
     if not count or any(len(leaf.sharding.device_set) > 1 for leaf in arrays_of_jax):
         return _compiled(program, *leaves)
     home = next((leaf.device for leaf in leaves if getattr(leaf, "committed", False)), None)
-    many = [not w and np.size(leaf) > 1 for leaf, w in zip(leaves, whole, strict=True)]
+    many = [not w and np.size(leaf) > 1 for leaf, w in zip(leaves, shared, strict=True)]
     many[-1] = True  # of velocities there is a row in any case
 
-    def flattened(leaf, many: bool, whole: bool):
+    def flattened(leaf, many: bool, is_shared: bool):
         if many:
             return np.broadcast_to(np.asarray(leaf), shape).reshape(-1)
-        return leaf if whole else np.asarray(leaf).reshape(())
+        return leaf if is_shared else np.asarray(leaf).reshape(())
 
-    flat = list(map(flattened, leaves, many, whole))
+    flat = list(map(flattened, leaves, many, shared))
     if cut and count >= 2 * BLOCK and _on_cpu(home):
         results = _in_blocks(program, flat, tuple(many), count)
     else:
@@ -214,12 +216,12 @@ def _aligned(count: int, dtype) -> np.ndarray:
     return memory[first : first + count * dtype.itemsize].view(dtype)
 
 
-def _of_traced(program: _Program, leaves, whole, shape, cut: bool):
+def _of_traced(program: _Program, leaves, shared, shape, cut: bool):
     """Of impacts in the caller's own program: one call for all, or for chunk after chunk."""
-    if not any(whole) and _mapped_here(leaves):
-        return _as_array(program, whole, shape, cut)(*leaves)
+    if not any(shared) and _mapped_here(leaves):
+        return _as_array(program, shared, shape, cut)(*leaves)
     count = math.prod(shape)
-    few = count < 2 * BLOCK or any(whole) or not cut
+    few = count < 2 * BLOCK or any(shared) or not cut
     if few or on_several_devices() or not _on_cpu():
         return _compiled(program, *leaves)
     many = [np.size(leaf) > 1 for leaf in leaves]
@@ -243,12 +245,12 @@ def _mapped_here(leaves) -> bool:
     )
 
 
-def _as_array(program: _Program, whole, shape, cut: bool) -> Callable:
+def _as_array(program: _Program, shared, shape, cut: bool) -> Callable:
     """Of one impact, or of a few; a `vmap` over it computes an array of impacts instead."""
 
     @custom_vmap
     def mapped(*leaves):
-        return _of_traced(program, leaves, whole, shape, cut)
+        return _of_traced(program, leaves, shared, shape, cut)
 
     @mapped.def_vmap
     def rule(axis_size, batched, *leaves):
@@ -256,7 +258,7 @@ def _as_array(program: _Program, whole, shape, cut: bool) -> Callable:
             x.reshape(axis_size, *(1,) * (1 + len(shape) - x.ndim), *x.shape[1:]) if b else x
             for x, b in zip(leaves, batched, strict=True)
         ]
-        results = _of_traced(program, wide, whole, (axis_size, *shape), cut)
+        results = _of_traced(program, wide, shared, (axis_size, *shape), cut)
         return results, jax.tree.map(lambda _: True, results)
 
     return mapped
@@ -307,13 +309,13 @@ def over_impacts(
         reversible: the same as `function`, differentiable in reverse, for more directions than `MANY`.
     """
     leaves, structure = jax.tree.flatten(batch)
-    whole = whole_leaves(batch)
-    parts = [leaf for leaf, common in zip(leaves, whole, strict=True) if not common]
+    declared = shared_leaves(batch)
+    parts = [leaf for leaf, common in zip(leaves, declared, strict=True) if not common]
     shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in parts))
     # a number that all impacts have in common stays one: what follows from it is computed once
     shared = [
         common or (shape != () and jnp.shape(x) == ())
-        for x, common in zip(leaves, whole, strict=True)
+        for x, common in zip(leaves, declared, strict=True)
     ]
     full = [
         jnp.asarray(leaf) if common else jnp.broadcast_to(leaf, shape)

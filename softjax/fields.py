@@ -1,4 +1,4 @@
-"""What the fields of a law declare of themselves: range, unit, symbol; and what is held whole.
+"""What the fields of a law declare of themselves: range, unit, symbol; and what all impacts share.
 
     chi: Number = number_field("χ̃", "-", "unloading factor", within="[0, inf)")
     form: str = choice_field("first-order", "full")
@@ -99,7 +99,7 @@ def choice_field(*choices: str) -> Any:
 
 
 def array_field(**options: Any) -> Any:
-    """A field that is whole: one array, or any pytree, for all impacts.
+    """A field shared by all impacts: one array, or any pytree.
 
     A network's weights or a table's knots, where numeric fields hold one value an impact. Its
     leaves need not broadcast against the velocity, and are differentiated like any other. Numbers
@@ -110,10 +110,10 @@ def array_field(**options: Any) -> Any:
     Args:
         options: of `dataclasses.field`, such as `default`.
     """
-    return eqx.field(converter=_as_whole, metadata={"whole": True}, **options)
+    return eqx.field(converter=_as_shared, metadata={"shared": True}, **options)
 
 
-def _as_whole(value):
+def _as_shared(value):
     """Arrays of this library's own, and functions that JAX need not look at."""
     if isinstance(value, list | tuple) and all(np.isscalar(item) for item in value):
         return as_real(value)
@@ -134,13 +134,13 @@ def _as_part(path, leaf):
 def declarations(kind: type) -> dict[str, Declared]:
     """The numeric fields of a class by name, in their order; undeclared ones count as any number.
 
-    Options, whole fields and nested modules are none.
+    Options, shared fields and nested modules are none.
     """
     numeric = (f for f in dataclasses.fields(kind) if f.name != "contact")
     return {
         field.name: field.metadata.get("declared") or Declared(field.name)
         for field in numeric
-        if not field.metadata.get("static") and not field.metadata.get("whole")
+        if not field.metadata.get("static") and not field.metadata.get("shared")
     }
 
 
@@ -150,18 +150,18 @@ def options_of(kind: type) -> dict[str, tuple[str, ...]]:
     return {f.name: f.metadata["choices"] for f in every if "choices" in f.metadata}
 
 
-def whole_fields(kind: type) -> tuple[str, ...]:
-    """The names of the fields that are held whole."""
-    return tuple(f.name for f in dataclasses.fields(kind) if f.metadata.get("whole"))
+def shared_fields(kind: type) -> tuple[str, ...]:
+    """The names of the fields that all impacts share."""
+    return tuple(f.name for f in dataclasses.fields(kind) if f.metadata.get("shared"))
 
 
-def whole_leaves(tree: Any) -> list[bool]:
-    """For every leaf of a pytree, in order, whether it is part of a whole field of some module."""
-    return _whole_leaves(jax.tree.structure(tree))
+def shared_leaves(tree: Any) -> list[bool]:
+    """For every leaf of a pytree, in order, whether it is part of a shared field of some module."""
+    return _shared_leaves(jax.tree.structure(tree))
 
 
 @lru_cache(maxsize=256)
-def _whole_leaves(structure) -> list[bool]:
+def _shared_leaves(structure) -> list[bool]:
     def marked(node) -> Any:
         if not isinstance(node, eqx.Module):
             return jax.tree.map(
@@ -169,10 +169,10 @@ def _whole_leaves(structure) -> list[bool]:
                 node,
                 is_leaf=lambda n: isinstance(n, eqx.Module),
             )
-        whole = whole_fields(type(node))
+        shared = shared_fields(type(node))
         parts = jax.tree_util.tree_leaves_with_path(node, is_leaf=lambda child: child is not node)
         return [
-            jax.tree.map(lambda _: True, part) if path[0].name in whole else marked(part)
+            jax.tree.map(lambda _: True, part) if path[0].name in shared else marked(part)
             for path, part in parts
         ]
 
@@ -211,7 +211,7 @@ def check_fields(module: eqx.Module) -> None:
         check_choice(name, getattr(module, name), choices)
     for name, declared, value in _values(module):
         check(name, value, declared.holds, declared.accepted)
-    for name in whole_fields(type(module)):
+    for name in shared_fields(type(module)):
         for leaf in jax.tree.leaves(getattr(module, name)):
             if isinstance(leaf, float) or is_float(leaf):
                 check(name, leaf, np.isfinite, "finite numbers")
@@ -235,7 +235,7 @@ def checked(law: eqx.Module, velocity) -> Any:
 
 
 def numbers_of(module: eqx.Module) -> dict[str, Any]:
-    """All numbers of a module and of those nested in it, by name; what is whole left out.
+    """All numbers of a module and of those nested in it, by name; shared fields left out.
 
     A name that the module has too is `contact.radius`.
     """
@@ -249,14 +249,14 @@ def numbers_of(module: eqx.Module) -> dict[str, Any]:
 def are_valid(module: eqx.Module) -> Flags:
     """Whether all numbers are in their ranges, one truth value an impact.
 
-    Where tracing kept them unchecked. A whole field is valid where all of its numbers are finite.
+    Where tracing kept them unchecked. A shared field is valid where all of its numbers are finite.
     """
     valid = jnp.asarray(True)
     for _, declared, value in _values(module):
         valid = valid & jnp.isfinite(value) & declared.holds(jnp.asarray(value))
     for _, nested in _nested(module):
         valid = valid & are_valid(nested)
-    for leaf in jax.tree.leaves([getattr(module, name) for name in whole_fields(type(module))]):
+    for leaf in jax.tree.leaves([getattr(module, name) for name in shared_fields(type(module))]):
         if is_array(leaf) and jnp.issubdtype(leaf.dtype, jnp.inexact):
             valid = valid & jnp.all(jnp.isfinite(leaf))
     return valid
@@ -270,8 +270,8 @@ def _values(module: eqx.Module) -> Iterator[tuple[str, Declared, Any]]:
 
 
 def _nested(module: eqx.Module) -> Iterator[tuple[str, eqx.Module]]:
-    whole = whole_fields(type(module))
+    shared = shared_fields(type(module))
     for field in dataclasses.fields(type(module)):
         value = getattr(module, field.name)
-        if isinstance(value, eqx.Module) and field.name not in whole:
+        if isinstance(value, eqx.Module) and field.name not in shared:
             yield field.name, value

@@ -19,7 +19,7 @@ from softjax.engine.impact import (
     results,
 )
 from softjax.engine.outcome import Collision
-from softjax.fields import Flags, Numbers, checked, is_array, numbers_of, whole_leaves
+from softjax.fields import Flags, Numbers, checked, is_array, numbers_of, shared_leaves
 from softjax.laws.base import ContactLaw
 from softjax.routes import AbstractRoute, as_argument
 from softjax.status import Status
@@ -37,7 +37,7 @@ class Restitution(eqx.Module):
         status: `Status` flags, one integer per velocity.
         law, velocity, route: copies of the inputs. Under `jit`, `vmap` or `grad` the numbers of the
             law and of the route have the shape of `velocity` too.
-        each: whether what is whole in the law is there for each impact, as under `vmap`.
+        each: whether what impacts share in the law is there for each impact, as under `vmap`.
     """
 
     law: ContactLaw
@@ -76,7 +76,7 @@ class Restitution(eqx.Module):
             return batched(collisions, parameters, velocity, _observable, quantity)
 
         # impacts that each have a law of their own
-        if self.each and any(whole_leaves((law, self.route))):
+        if self.each and any(shared_leaves((law, self.route))):
             for _ in velocity.shape:
                 computed = jax.vmap(computed)
         return computed(law, self.route, velocity)
@@ -160,7 +160,7 @@ def restitution(
 
 
 def _kept(impacts):
-    """Law, velocity and route as a result keeps them, and whether what is whole is repeated.
+    """Law, velocity and route as a result keeps them, and whether what they share is repeated.
 
     Where they are traced, `vmap` may stack them along an axis that a result of another shape would
     take for another one: there every number is repeated for each impact.
@@ -168,7 +168,7 @@ def _kept(impacts):
     leaves, structure = jax.tree.flatten(impacts)
     if not any(is_traced(leaf) for leaf in leaves):
         return impacts, False
-    shared = whole_leaves(impacts)
+    shared = shared_leaves(impacts)
     shapes = [np.shape(leaf) for leaf, common in zip(leaves, shared, strict=True) if not common]
     shape = np.broadcast_shapes(*shapes)
 

@@ -134,7 +134,7 @@ class ODE(AbstractRoute):
         ValueError: naming the argument, its value and what is accepted.
     """
 
-    rtol: Any = eqx.field(default=None, converter=_plain, metadata={"whole": True})
+    rtol: Any = eqx.field(default=None, converter=_plain, metadata={"shared": True})
     solver: Any = eqx.field(static=True, default="dopri8")
     steps: int | None = eqx.field(static=True, default=None)
     max_steps: int = eqx.field(static=True, default=4096)

@@ -23,7 +23,7 @@ from calibration.errors import DataError
 from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
 from calibration.observables import RESTITUTION, predicted
 from softjax.batching import QUICK, SOONEST, accepted
-from softjax.fields import whole_fields
+from softjax.fields import shared_fields
 
 PROBES = 3  # places at which it is looked which leaves move
 FEW_ROWS = 128  # that are built at once
@@ -49,16 +49,16 @@ class LawShape(NamedTuple):
 
     tree: Any
     names: tuple[str, ...]  # of its leaves, "contact.radius", "chi"
-    whole: tuple[bool, ...]  # which leaves are whole for all impacts
+    shared: tuple[bool, ...]  # which leaves all impacts share
     route: Route  # what suits the law
 
     @classmethod
     def of(cls, law: sj.ContactLaw) -> "LawShape":
         paths, tree = jax.tree_util.tree_flatten_with_path(law)
         names = tuple(jax.tree_util.keystr(path).lstrip(".") for path, _ in paths)
-        whole_names = whole_fields(type(law))
-        whole = tuple(getattr(path[0], "name", "") in whole_names for path, _ in paths)
-        return cls(tree, names, whole, law.default_route())
+        fields = shared_fields(type(law))
+        shared = tuple(getattr(path[0], "name", "") in fields for path, _ in paths)
+        return cls(tree, names, shared, law.default_route())
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Laws:
         """The law of one row, of single numbers, or of several, of arrays; of NumPy or JAX."""
         values: dict[str, Any] = {}
         for name, element, fixed in zip(self.names, self.element, self.fixed, strict=True):
-            at = np.ravel(rows)[0] if "[" in name else rows  # networks are whole for all rows
+            at = np.ravel(rows)[0] if "[" in name else rows  # all rows share a network
             place, values[name] = element[at], fixed[at]
             if np.any(place >= 0):
                 values[name] = xp.where(place >= 0, theta[place], fixed[at])
@@ -226,9 +226,9 @@ def expand(
     Of ε it is ε², signed; of other observables they are in SI.
 
     Args:
-        leaves: of the law; each of one value an impact, (m,), or, where it is whole, an array an
+        leaves: of the law; each of one value an impact, (m,), or, where it is shared, an array an
             impact, (m, ...), if it moves, else the array itself.
-        moving: positions of the leaves along which slopes are computed; each number of a whole leaf
+        moving: positions of the leaves along which slopes are computed; each number of a shared leaf
             has its own.
         elastic: the branch that each impact's ε is held on, None: as the law has it.
         observable: what is predicted, of `calibration.observables`.
@@ -237,12 +237,12 @@ def expand(
     route = shape.route if route is None else route  # one name for one program
     for rows, size in _blocks(len(velocity), route):
         some = [
-            leaf if shape.whole[k] and k not in moving else _filled(leaf[rows], size)
+            leaf if shape.shared[k] and k not in moving else _filled(leaf[rows], size)
             for k, leaf in enumerate(leaves)
         ]
         branches = None if elastic is None else _filled(elastic[rows], size)
         by_time = isinstance(route, sj.ODE)
-        block = _compiled(size, by_time or any(shape.whole[k] for k in moving))
+        block = _compiled(size, by_time or any(shape.shared[k] for k in moving))
         at = _filled(velocity[rows], size)
         begun.append(block(some, at, branches, shape, moving, route, observable))
         filled.append(rows.stop - rows.start)
@@ -271,7 +271,7 @@ def _filled(values: np.ndarray, size: int) -> np.ndarray:
 
 def _block(leaves, velocity, elastic, shape: LawShape, moving, route: Route, observable: str):
     """Values, slopes and statuses of one block, by one forward pass."""
-    each = [k for k in range(len(leaves)) if not shape.whole[k] or k in moving]
+    each = [k for k in range(len(leaves)) if not shape.shared[k] or k in moving]
 
     def collide(some, velocity, elastic):
         inputs = list(leaves)
@@ -283,7 +283,7 @@ def _block(leaves, velocity, elastic, shape: LawShape, moving, route: Route, obs
             return predicted(observable, hit), hit.status
         return tuple(sj.signed_restitution(law, velocity, route, elastic=elastic))
 
-    if any(shape.whole[k] for k in moving):  # each impact has a network of its own
+    if any(shape.shared[k] for k in moving):  # each impact has a network of its own
         axes = (0, 0, None if elastic is None else 0)
         collide_all = jax.vmap(collide, in_axes=axes)
     else:

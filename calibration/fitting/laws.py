@@ -27,7 +27,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError, did_you_mean, listed
-from softjax.fields import NO_UNIT, Declared, declarations, options_of, whole_fields
+from softjax.fields import NO_UNIT, Declared, declarations, options_of, shared_fields
 
 CONTACT_LEAVES = declarations(sj.Contact)
 OF_CONTACT = "contact."
@@ -86,10 +86,10 @@ class LawModel:
     parameters: Mapping[str, Declared]  # what is known of each parameter, by name
     defaults: Mapping[str, Any]  # of fields or arguments that have one
     options: Mapping[str, Any]  # its options in words, with their values
-    whole: tuple[str, ...] = ()  # parameters that are arrays or pytrees, whole for all impacts
+    arrays: tuple[str, ...] = ()  # parameters that are arrays or pytrees, one for all impacts
     takes_contact: bool = True
     direct: bool = True  # whether a parameter is the law's field itself
-    trees: tuple[Tree, ...] = ()  # how the numbers of whole parameters make up pytrees
+    trees: tuple[Tree, ...] = ()  # how the numbers of arrays make up pytrees
 
     @property
     def _identity(self) -> tuple[Any, ...]:
@@ -114,7 +114,7 @@ class LawModel:
     def law(self, contact: sj.Contact | None, values: Mapping[str, Any]) -> sj.ContactLaw:
         """The law with these parameters, of NumPy or of JAX.
 
-        Those of the contact ("contact.radius") are among them, and each number of a whole one.
+        Those of the contact ("contact.radius") are among them, and each number of an array.
         """
         arguments = dict(values)
         for tree in self.trees:
@@ -190,14 +190,14 @@ def model_of(
         every = {f.name: f.default for f in dataclasses.fields(build)}
         missing: Any = dataclasses.MISSING
         options: dict[str, Any] = _options(build, key, given)
-        law_type, whole = build, whole_fields(build)
-        names = [*declarations(build), *whole]
+        law_type, arrays = build, shared_fields(build)
+        names = [*declarations(build), *arrays]
     else:
         every, missing = _arguments(build, key), inspect.Parameter.empty
         options = {n: v for n, v in every.items() if isinstance(v, str | bool)} | dict(given)
         names = [name for name in every if name != "contact" and name not in options]
         ones = {name: 1.0 if every[name] is missing else every[name] for name in names}
-        whole = tuple(name for name, value in ones.items() if np.ndim(value))
+        arrays = tuple(name for name, value in ones.items() if np.ndim(value))
         bodies = {"contact": contact} if "contact" in every else {}
         with jax.enable_x64(True):
             law = jax.eval_shape(lambda some: build(**some, **options), bodies | ones)
@@ -212,7 +212,7 @@ def model_of(
         {name: declared.get(name, Declared(name)) for name in names},
         {name: every[name] for name in names if every[name] is not missing},
         options,
-        whole,
+        arrays,
         takes_contact="contact" in every,
         direct=isinstance(build, type),
     )

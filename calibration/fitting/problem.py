@@ -41,7 +41,7 @@ class Element:
     """One parameter of a data set's law; one number that a fit searches, where it is free.
 
     Attributes:
-        name: in full, an entry of a whole parameter as "weights[3]".
+        name: in full, an entry of an array as "weights[3]".
         parameter, declared: what was said of it, and what its law says.
         start: where it starts, or what it is fixed at, in physical units; one number, or one an impact.
         range: (lowest, highest).
@@ -526,9 +526,9 @@ class Problem:
         laws, row, fits = self.laws, self.laws.row[at], len(leaves[0])
         flat = []
         for k, leaf in enumerate(leaves):
-            fixed = laws.shape.whole[k] and k not in laws.moving
-            whole = leaf[0, 0] if fixed else leaf[:, row].reshape(-1, *leaf.shape[2:])
-            flat.append(np.asarray(whole, float))
+            fixed = laws.shape.shared[k] and k not in laws.moving
+            values = leaf[0, 0] if fixed else leaf[:, row].reshape(-1, *leaf.shape[2:])
+            flat.append(np.asarray(values, float))
         velocity = np.tile(self.points.velocity[at], fits)
         elastic = self.elastic if lanes.elastic is None else lanes.elastic
         is_eps = name == RESTITUTION

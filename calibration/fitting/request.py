@@ -192,8 +192,8 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOpt
         except DataError as error:
             origin = getattr(value, "origin", None)
             raise error if origin is None else origin.error(error) from None
-        is_whole = full in model.whole and not isinstance(value, Parameter)
-        stated[full] = Parameter(value, free=False) if is_whole else as_parameter(name, value)
+        is_array = full in model.arrays and not isinstance(value, Parameter)
+        stated[full] = Parameter(value, free=False) if is_array else as_parameter(name, value)
         _check_fixed(model, data, full, stated[full])
     model = model.with_units({name: p.unit for name, p in stated.items() if p.unit})
     if model.key == "zhou" and objective == "model":
@@ -293,16 +293,16 @@ def _reach(parameter: Parameter, start: Any) -> tuple[Any, Any]:
 
 
 def _elements(data, model: LawModel, parameters: dict[str, Parameter]):
-    """Start and range of every parameter, and how those that are whole are put together."""
+    """Start and range of every parameter, and how arrays are put together."""
     known = KNOWN.get(model.key) or Known(model.law_type, "")
     fixed, ranges = known.fixed(data), known.ranges(data)
     guess = known.guess(data) | fixed
     local: list[Element] = []
     trees: list[Tree] = []
     for name in dict.fromkeys([*model.parameters, *parameters]):
-        if name in model.whole:
+        if name in model.arrays:
             if name in parameters:
-                entries, tree = _whole(name, parameters[name])
+                entries, tree = _array(name, parameters[name])
                 local, trees = [*local, *entries], [*trees, tree]
             elif name not in model.defaults:
                 accepted = "given, as the law has no default"
@@ -351,8 +351,8 @@ def _inside(value: Any, low: float, high: float) -> float:
     return high - max(abs(high), 1.0) if np.isfinite(high) else 1.0
 
 
-def _whole(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
-    """The numbers of a whole parameter, each a parameter of its own."""
+def _array(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
+    """The numbers of an array, each a parameter of its own."""
     if parameter.value is None:
         error = DataError("value", "missing", "an array or a pytree of them, where a search starts")
         raise placed(parameter, name, error)
@@ -449,12 +449,12 @@ def _check_counts(component: Component) -> None:
     A prior does, the other sets of a pool, and of a network its predictions.
     """
     for g, spec in enumerate(component.specs):
-        whole = {tree.name for tree in spec.model.trees}
+        arrays = {tree.name for tree in spec.model.trees}
         free_names = [
             e.name
             for e in component.elements
             if e.sets == (g,) and e.parameter.prior is None and not e.parameter.pooled
-            if e.name.partition("[")[0] not in whole
+            if e.name.partition("[")[0] not in arrays
         ]
         count = sum(len(rows) for *_, rows, _, _ in blocks_of(spec.data))
         if count <= len(free_names):

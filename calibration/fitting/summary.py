@@ -80,7 +80,7 @@ def _material(fit: ComponentFit, g: int, by_element, confidence, shared_warnings
 
 
 def _parameters(fit: ComponentFit, g: int, by_element, known_to: float):
-    """Estimates of what was free and what was held, without the numbers of whole parameters; all that
+    """Estimates of what was free and what was held, without the numbers of arrays; all that
     makes the law; and what the covariance calls what was free."""
     parameters, values, labels = {}, {}, {}
     places = fit.component.places(g)

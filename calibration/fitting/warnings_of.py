@@ -52,7 +52,7 @@ def _owner(fit: ComponentFit, sets: tuple[int, ...]) -> str | None:
     return fit.component.specs[sets[0]].data.name if len(sets) == 1 else None
 
 
-def _has_whole(fit: ComponentFit) -> bool:
+def _has_arrays(fit: ComponentFit) -> bool:
     return any(spec.model.trees for spec in fit.component.specs)
 
 
@@ -130,7 +130,7 @@ def _off_prior(element: Element, value: float) -> str | None:
 
 def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarning]:
     """Two parameters of a likelihood that are determined together only, and what of them is known."""
-    if not fit.is_likelihood or _has_whole(fit):
+    if not fit.is_likelihood or _has_arrays(fit):
         return []
     known, points, elements = fit.uncertainty, fit.final.problem.points, fit.component.elements
     covariance = np.where(known.known[:, None] & known.known, known.covariance, 0.0)

@@ -23,7 +23,7 @@ from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 from calibration.symbols import in_math
-from softjax.fields import Declared, declarations, options_of, whole_fields, whole_leaves
+from softjax.fields import Declared, declarations, options_of, shared_fields, shared_leaves
 
 VELOCITY = "velocity"
 # which endings the names of the two bodies' properties have
@@ -149,7 +149,7 @@ def of_law(law: sj.ContactLaw) -> Inputs:
     short = [path[-1].name if hasattr(path[-1], "name") else None for path, _ in paths]
     twice = {name for name, count in Counter(short).items() if count > 1}
     names: list[str | None] = []
-    for name, is_shared, (path, leaf) in zip(short, whole_leaves(law), paths, strict=True):
+    for name, is_shared, (path, leaf) in zip(short, shared_leaves(law), paths, strict=True):
         if np.ndim(leaf) and not is_shared:
             raise DataError(str(name), f"of shape {np.shape(leaf)}", "a single number")
         full = jax.tree_util.keystr(path).lstrip(".")
@@ -177,7 +177,7 @@ def inputs_of(source: Any) -> Inputs:
     """Inputs of a command: the bodies' properties if they make the contact, else the law's fields."""
     law, contact = source.law, getattr(source.law, "contact", None)
     inputs = of_law(law)
-    if not (source.properties is None or contact is None or whole_fields(type(law))):
+    if not (source.properties is None or contact is None or shared_fields(type(law))):
         options = tuple((name, getattr(law, name)) for name in options_of(type(law)))
         fields = {name: float(getattr(law, name)) for name in declarations(type(law))}
         build = OfBodies(source.bodies, type(law), contact.area, options)

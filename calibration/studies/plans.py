@@ -33,7 +33,7 @@ from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
 from calibration.symbols import symbol
-from softjax.fields import numbers_of, options_of, whole_fields
+from softjax.fields import numbers_of, options_of, shared_fields
 
 USUAL_NOISE = 0.01  # standard uncertainty of ε unless stated
 UNDETERMINED = 1.0  # relative standard error above which a combination counts as not determined
@@ -220,7 +220,7 @@ def _of_law(law: Any, velocity: Column, parameters, route: Route, sensors) -> Pl
         if is_held and hasattr(law, name):
             stated[name] = Parameter(getattr(law, name), free=False)
     stated |= {name: getattr(law, name) for name in options_of(type(law))}
-    for name in whole_fields(type(law)):
+    for name in shared_fields(type(law)):
         is_free = name in stated and as_parameter(name, stated[name]).free
         stated[name] = Parameter(getattr(law, name), free=is_free)
     spec = Request((data,), stated).with_options(law=type(law)).specs()[0]

@@ -10,7 +10,7 @@ import numpy as np
 from softjax.checks import ArgumentError
 from softjax.engine.energy import elastic_duration
 from softjax.engine.outcome import Collision, flagged, stated
-from softjax.fields import Flags, Numbers, is_array, is_float, whole_leaves
+from softjax.fields import Flags, Numbers, is_array, is_float, shared_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.forces import answer
 from softjax.numerics.powers import safe_power, safe_sqrt
@@ -33,18 +33,18 @@ def common_precision(law, velocity):
     typed = [x for x in leaves if is_float(x) and not getattr(x, "weak_type", False)]
     dtype = jnp.result_type(*typed, jnp.float32) if typed else jnp.result_type(float)
 
-    def cast(leaf, whole: bool):
+    def cast(leaf, is_shared: bool):
         if isinstance(leaf, jax.Array):
             # a whole number that is one of each impact's would overflow: with it all have a point
             is_integer = jnp.issubdtype(leaf.dtype, jnp.integer)
-            keeps_its_kind = not is_float(leaf) and (whole or not is_integer)
+            keeps_its_kind = not is_float(leaf) and (is_shared or not is_integer)
             as_it_is = keeps_its_kind or (leaf.dtype == dtype and not leaf.weak_type)
             return leaf if as_it_is else jnp.asarray(leaf, dtype)
-        # what is whole may hold other things than numbers with a point, which keep their kind
-        is_number = is_float(leaf) or type(leaf) is float or not whole
+        # what is shared may hold other things than numbers with a point, which keep their kind
+        is_number = is_float(leaf) or type(leaf) is float or not is_shared
         return np.array(leaf, dtype) if is_number else leaf
 
-    return jax.tree.unflatten(structure, map(cast, leaves, whole_leaves((law, velocity))))
+    return jax.tree.unflatten(structure, map(cast, leaves, shared_leaves((law, velocity))))
 
 
 class Impact(eqx.Module):
@@ -97,13 +97,13 @@ def _harmless(law: ContactLaw, valid: Flags) -> ContactLaw:
     """The law with invalid parameters replaced by 1, so that masked impacts stay finite."""
     leaves, structure = jax.tree.flatten(law)
 
-    def mended(leaf, whole):
+    def mended(leaf, is_shared):
         if not is_float(leaf):
             return leaf
-        # of what is whole only those numbers: it serves the valid impacts too
-        return jnp.where(jnp.isfinite(leaf) if whole else valid, leaf, 1.0).astype(leaf.dtype)
+        # of what is shared only those numbers: it serves the valid impacts too
+        return jnp.where(jnp.isfinite(leaf) if is_shared else valid, leaf, 1.0).astype(leaf.dtype)
 
-    return jax.tree.unflatten(structure, map(mended, leaves, whole_leaves(law)))
+    return jax.tree.unflatten(structure, map(mended, leaves, shared_leaves(law)))
 
 
 def _some_velocity(law: ContactLaw):

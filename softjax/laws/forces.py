@@ -17,7 +17,7 @@ import numpy as np
 from jax.extend.core import Literal
 
 from softjax.checks import ArgumentError
-from softjax.fields import Numbers, combine, numbers_of, partition, whole_leaves
+from softjax.fields import Numbers, combine, numbers_of, partition, shared_leaves
 from softjax.laws.reduced import (
     Reduced,
     ReducedRateDependent,
@@ -246,8 +246,8 @@ def _differentiable(law, methods: dict[str, int]) -> Forces:
     arrays, static = partition(law)
     leaves, structure = jax.tree.flatten(arrays)
     kinds = [
-        jax.ShapeDtypeStruct(jnp.shape(leaf) if whole else (), jnp.result_type(leaf))
-        for leaf, whole in zip(leaves, whole_leaves(arrays), strict=True)
+        jax.ShapeDtypeStruct(jnp.shape(leaf) if shared else (), jnp.result_type(leaf))
+        for leaf, shared in zip(leaves, shared_leaves(arrays), strict=True)
     ]
     single = combine(jax.tree.unflatten(structure, kinds), static)
     overlap = jax.ShapeDtypeStruct((), jnp.result_type(law.contact.radius))
