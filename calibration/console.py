@@ -15,19 +15,7 @@ SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasatt
 
 
 def open_streams() -> None:
-    """Make the three standard streams usable: letters that one lacks become "?".
-
-    A stream that was closed (`2>&-`) becomes the null device, or a file of results would take its
-    number. Writing to a closed standard output stays an error.
-    """
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)  # the lowest free one
-            if getattr(sys, name) is None:
-                mode = "w" if number else "r"
-                setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
+    """Letters that a standard stream lacks become "?"."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# what some call it: our name for it
-OTHER_NAMES = {"sobol": "global", "fisher": "information", "tornado": "local"}
-
 
 class InputError(ValueError):
     """A file, or a whole set of data, that cannot be used.
@@ -140,8 +137,7 @@ def is_finite_number(value: Any) -> bool:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """` (did you mean 'x'?)`, or nothing where no known name is near."""
     name, known = name[:100].lower(), list(known)
-    other = OTHER_NAMES.get(name)
-    near = [other] if other in known else difflib.get_close_matches(name, known, n=1)
+    near = difflib.get_close_matches(name, known, n=1)
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
@@ -150,9 +146,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def _plain(value: Any) -> str:
-    if isinstance(value, int) and abs(value) >= 10**100:  # Python writes no more than 4300 digits
-        return "a whole number of more than 100 digits"
     try:
         return f"{value:.10g}" if isinstance(value, float) else repr(value)
-    except ValueError:  # the same, inside an array
-        return f"a {type(value).__name__} of too large numbers"
+    except ValueError:  # Python writes no more than 4300 digits
+        return f"{type(value).__name__} of too many digits"

@@ -3,8 +3,7 @@
 A data set is rows of (velocity, observable, value). ε is the one that every set may have; the others
 are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one
 likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, for what is
-predicted, and of `data.columns.OBSERVED` with two fields of `RestitutionData`, for what is measured; Hertz's
-estimate of it, which wrong units are noticed by, is in `data.plausible`.
+predicted, and of `data.columns.OBSERVED` with two fields of `RestitutionData`, for what is measured.
 
 The others have a dimension: a fit works with them in parts of a power law of v through the measured
 values, so that scatter, where none is stated, is relative.

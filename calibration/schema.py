@@ -70,8 +70,9 @@ def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     if fault["type"] == "missing":
         value, known = "missing", "there"
     elif fault["type"] == "extra_forbidden":
-        near = did_you_mean(str(fault["loc"][-1]), known_below(model, fault["loc"][:-1]))
-        value, known = "there", f"left out: it is not known{near}"
+        names = known_below(model, fault["loc"][:-1])
+        near = did_you_mean(str(fault["loc"][-1]), names)
+        value, known = "there", f"left out: known are {', '.join(names)}"[:MOST] + near
     elif fault["type"] != "value_error" and field is not None:
         known = (field.json_schema_extra or {}).get("accepted", known)  # type: ignore[union-attr]
     if isinstance(fault["input"], str) and value != "there":

@@ -35,8 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE.toml", help="the materials and their data")
     text = f"the laws to compare, separated by commas: {', '.join(NAMES)} (default: all)"
     parser.add_argument("--laws", metavar="A,B,C", help=text)
-    text = "one of them; may be repeated"
-    parser.add_argument("--law", action="append", default=[], metavar="A", help=text)
     add_options(parser, OPTIONS)
     text = "print compare.json to standard output instead of the tables"
     parser.add_argument("--json", action="store_true", help=text)
@@ -80,12 +78,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _laws(arguments: argparse.Namespace) -> list[str] | None:
     """Names in the order they were given, each once."""
-    in_list = [] if arguments.laws is None else arguments.laws.split(",")
-    names = list(dict.fromkeys(name.strip() for name in [*in_list, *arguments.law]))
+    names = list(dict.fromkeys(map(str.strip, (arguments.laws or "").split(","))))
+    names = [] if arguments.laws is None else names
     for name in names:
         if name not in NAMES:
             accepted = f"one of {listed(NAMES)}{did_you_mean(name, NAMES)}"
-            raise DataError("--law" if name in arguments.law else "--laws", repr(name), accepted)
+            raise DataError("--laws", repr(name), accepted)
     for name in LAW_OPTIONS if names else ():
         if getattr(arguments, name) and not {*LAW_OPTIONS[name]} & {*names}:
             accepted = f"left out without {' or '.join(LAW_OPTIONS[name])} among the laws"

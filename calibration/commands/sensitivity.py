@@ -9,12 +9,11 @@
 
 With --fit, information and design add to what the fit determines already, plan points of the kind that
 its data are, and repeat its warnings. A design's shots are in design.csv. With draws of the posterior a
-design is the best on average over some of them, and sensitivities have limits.
+design is the best on average over some of them.
 """
 
 import argparse
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +52,6 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
 REPEATED = ("free", "fix", "range", "sensor")
 BARS = (0.02, 0.2, 1.0)  # where bars are drawn by default, in parts of the highest velocity
 SHOTS = 30
-LAWS_OF_LIMITS = 200  # draws that sensitivities are computed at
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -190,7 +188,7 @@ def _local(job: _Job) -> dict[str, Any]:
 
     from calibration.plots import save, studies
     from calibration.studies.sensitivities import sensitivity
-    from calibration.studies.text import limits_table, local_table, sensitivities_csv
+    from calibration.studies.text import local_table, sensitivities_csv
 
     velocity = np.geomspace(job.low, job.high, job.arguments.points or 200)
     both = sensitivity(job.inputs, np.concatenate([velocity, job.bars]), job.route)
@@ -206,26 +204,7 @@ def _local(job: _Job) -> dict[str, Any]:
     save(ax, job.folder / "sensitivity.png")
     save(studies.tornado_figure(bars), job.folder / "tornado.png")
     table = {name: bars.of(name) for name in bars.names}
-    result: dict[str, Any] = {"velocity": job.bars, "theta_d_epsilon_d_theta": table}
-    if job.draws:
-        result["limits"] = _limits(job)
-        job.text.append(limits_table(bars, result["limits"], job.fit.confidence))
-    return result
-
-
-def _limits(job: _Job) -> dict[str, Any]:
-    """Central limits of θ ∂ε/∂θ over draws, {name: (low, high)}, each at the bars' velocities."""
-    import numpy as np
-
-    from calibration.studies.inputs import inputs_of
-    from calibration.studies.sensitivities import sensitivity
-
-    fits, half = job.fit.at_draws(job.source.draws, LAWS_OF_LIMITS), 0.5 * job.fit.confidence
-    sources = [replace(job.source, law=fit.material(job.source.name).law) for fit in fits]
-    at_draws = [sensitivity(inputs_of(fit), job.bars, job.route) for fit in sources]
-    stacked = np.stack([fit.absolute for fit in at_draws])
-    low, high = np.quantile(stacked, [0.5 - half, 0.5 + half], axis=0)
-    return {n: (low[:, k], high[:, k]) for k, n in enumerate(at_draws[0].names)}
+    return {"velocity": job.bars, "theta_d_epsilon_d_theta": table}
 
 
 def _information(job: _Job) -> dict[str, Any]:

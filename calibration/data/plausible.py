@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.data.columns import OBSERVED
 from calibration.data.points import FALLEN, FALLS
 
 FASTEST = 5000.0  # m/s
@@ -16,7 +15,6 @@ LOWEST_RESTITUTION = 0.02  # all of them below this: a percentage taken of a fra
 SURE = 3.0  # standard deviations of a fair coin, by which more than half lie above 1
 FEWEST = 8  # points in which an order may show
 SHORTEST = 3  # points of a run
-FAR_FROM_HERTZ = 30.0  # times what an elastic impact of the bodies shows
 FAR = 100.0
 CHECK = "Check the value and its unit."
 
@@ -120,8 +118,6 @@ def _of(data: Any) -> Iterator[Implausible]:
         cause = f"{above} of {count} restitutions are above 1, which noise would not do"
         yield Implausible("above-one", cause, "Check the columns and their units.")
     yield from _runs(data)
-    if contact is not None:
-        yield from _far_from_hertz(data)
 
 
 def _runs(data: Any) -> Iterator[Implausible]:
@@ -141,28 +137,3 @@ def _runs(data: Any) -> Iterator[Implausible]:
             advice = "Add a column `group` if rows share a specimen or a launch."
             yield Implausible("groups", cause, advice)
             return
-
-
-def _far_from_hertz(data: Any) -> Iterator[Implausible]:
-    """Compare observables with an elastic impact of the bodies.
-
-    δ_max = (5 M v²/4k)^(2/5), F = k δ^(3/2), t = 2.9432 δ/v, a² = A δ (Johnson, Contact Mechanics, 1985).
-    """
-    contact = data.contact
-    stiffness, mass = np.asarray(contact.stiffness), np.asarray(contact.mass)
-    overlap = (1.25 * mass * data.velocity**2 / stiffness) ** 0.4
-    elastic = {
-        "contact_time": 2.9432 * overlap / data.velocity,
-        "peak_force": stiffness * overlap**1.5,
-        "peak_overlap": overlap,
-        "dent_diameter": 2 * np.sqrt(contact.area_factor * np.asarray(contact.radius) * overlap),
-    }
-    for name, expected in elastic.items():
-        values = getattr(data, name)
-        if values is None or not np.any(np.isfinite(values)):
-            continue
-        ratio, value = float(np.nanmedian(values / expected)), float(np.nanmedian(values))
-        if not 1 / FAR_FROM_HERTZ < ratio < FAR_FROM_HERTZ:
-            cause = f"{name} is {value:.3g} {OBSERVED[name]} at the median, "
-            cause += f"{ratio:.2g} times an elastic impact's"
-            yield Implausible(name.replace("_", "-"), cause)

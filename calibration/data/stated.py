@@ -5,11 +5,10 @@ from typing import Annotated, Any
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from calibration.data.units import Relative, quantity
-from calibration.errors import DataError, did_you_mean, is_finite_number, listed, shown
+from calibration.errors import DataError, is_finite_number, shown
 from calibration.parameters import Parameter
 from calibration.schema import Refused
 
-KEYS = [name for name in Parameter.model_fields if name != "origin"]
 # of parameters that may have their unit in the file
 OF_PARAMETERS = {"youngs_modulus": "Pa", "yield_strength": "Pa", "radius": "m", "mass": "kg"}
 OF_PARAMETERS |= {"limit_velocity": "m/s", "dissipation_time": "s"}
@@ -54,10 +53,6 @@ def _parameters(tables: Any) -> dict[str, Parameter]:
 
 def _parameter(name: str, table: Any) -> Parameter:
     entry = table if isinstance(table, dict) else {"free": False, "value": table}
-    for key in entry:
-        if key not in KEYS:
-            accepted = did_you_mean(key, KEYS).strip(" ()") or f"known here are {listed(KEYS)}"
-            raise Refused((name, key), f"unknown key {shown(repr(key))}", accepted)
     try:
         fields = {key: _in_si(name, value, key) for key, value in entry.items()}
         return Parameter(**fields)

@@ -30,7 +30,6 @@ TOKEN = re.compile(
     r"|'[^'\n]*+'?|#[^\n]*+|[][{}\n.,=]",
     re.DOTALL,
 )
-BARE = re.compile(r"\s*([A-Za-z0-9_-]+)[ \t]*=[^{]*", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -119,10 +118,7 @@ def lines_of(text: str) -> dict[Place, int]:
     last: dict[Place, int] = {}  # position of the latest entry of each array of tables
     table: Place = ()
     for line, statement in _statements(text):
-        bare = BARE.fullmatch(statement)
-        if bare:
-            lines[(*table, bare[1])] = line
-        elif statement.lstrip().startswith("["):
+        if statement.lstrip().startswith("["):
             table = _table_place(tomllib.loads(statement), last)
             lines.setdefault(table, line)
         else:

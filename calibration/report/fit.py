@@ -30,8 +30,6 @@ from calibration.report.tables import (
 from calibration.rounding import ABSENT, interval, number, with_error
 
 MOST_NAMED = 3  # data sets that the first sentence describes one by one
-MOST_SEARCHES = 12  # searches that are listed one by one
-DETERMINED = 0.3  # of the prior's width, up to which draws determine a parameter
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
 OBJECTIVES = {
     "two-step": "σ and ψ from Eq. (17), then χ̃ from the law with them fixed (`two-step`)",
@@ -207,8 +205,7 @@ def sections(
         "computed": [
             Block("heading", "How it was computed"),
             *([Block("code", command)] if command else []),
-            Block("text", f"{_settings(result)}. {rank}."),
-            _searches(result),
+            Block("text", f"{_settings(result)}. {rank}. {_searches(result)}."),
         ],
     }
 
@@ -364,28 +361,12 @@ def _settings(result: Any) -> str:
     return ", ".join(parts)
 
 
-def _searches(result: Any) -> Block:
-    """Evaluations, seconds, final gradient and stop reason of each search; only sums if they are many."""
-    stages, count = result.optimiser_report, len(result.materials)
-    if len(stages) > MOST_SEARCHES:
-        seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
-        evaluations = sum(stage.evaluations for stage in stages)
-        text = f"{len(stages)} searches, {evaluations} evaluations, {number(seconds, 2)} s"
-        return Block("text", text)
-    rows = [
-        {
-            "material": "all" if 1 < len(stage.materials) == count else ", ".join(stage.materials),
-            "stage": stage.stage,
-            "route": stage.route,
-            "starts": str(stage.starts),
-            "evaluations": str(stage.evaluations),
-            "seconds": number(result.times.get(stage.label), 2),
-            "gradient": number(stage.gradient_norm, 1),
-            "stop reason": stage.reason,
-        }
-        for stage in stages
-    ]
-    return Block("table", pd.DataFrame(rows))
+def _searches(result: Any) -> str:
+    """Evaluations and seconds of all searches; those of each are in fit.json."""
+    stages = result.optimiser_report
+    seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
+    evaluations = sum(stage.evaluations for stage in stages)
+    return f"{len(stages)} searches, {evaluations} evaluations, {number(seconds, 2)} s"
 
 
 def _posterior(draws: Any, result: Any) -> list[Block]:
@@ -421,7 +402,7 @@ def _posterior(draws: Any, result: Any) -> list[Block]:
         Block("heading", "Posterior"),
         Block("text", how),
         Block("table", pd.DataFrame(rows)),
-        Block("list", [failed] if failed else _determined(by_parameter, names)),
+        *_optional("list", [failed] if failed else []),
     ]
 
 
@@ -430,25 +411,3 @@ def _warnings_of_draws(draws: Any, result: Any) -> list[Item]:
 
     items = warning_items(warnings_of(draws), result)
     return [item._replace(text=f" (posterior){item.text}") for item in items]
-
-
-def _determined(summaries: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
-    """Sentences on which parameters the data determine, and which follow the prior."""
-    from calibration.fitting.posterior.diagnostics import FOLLOWS
-
-    kinds: dict[str, list[str]] = {"determine": [], "narrow": [], "do not determine": []}
-    wide = {n: share for n, s in summaries.items() if (share := s.prior_share or 0) > DETERMINED}
-    for name, summary in summaries.items():
-        if name not in wide:
-            kinds["determine"] += [f"{names[name]} = {with_error(summary.mean, summary.deviation)}"]
-        else:
-            share = f"{100 * wide[name]:.0f} % of its prior's width left"
-            kind = "narrow" if wide[name] <= FOLLOWS else "do not determine"
-            kinds[kind].append(f"{names[name]} ({share})")
-    lines = [f"The data {kind} {', '.join(names)}." for kind, names in kinds.items() if names]
-    if {"sigma", "psi"} & {name.partition("[")[0] for name in wide}:
-        lines.append(
-            "σ and ψ act through the loss that they make together: at the critical velocity it is "
-            "ε_up, which is determined; each alone only as far as the velocities below reach."
-        )
-    return lines

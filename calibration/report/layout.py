@@ -5,8 +5,8 @@ import html
 import io
 import math
 import re
-from collections.abc import Iterable, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -124,12 +124,18 @@ def _template(name: str) -> jinja2.Template:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters |= {
-        "prose": _prose_html if is_page else _prose,
+        "prose": partial(_prose, escape=_html, code="<code>{}</code>")
+        if is_page
+        else partial(_prose, escape=_escaped, code="`{}`"),
         "code": _code,
         "row": lambda cells: Markup(f"| {' | '.join(map(_escaped, cells))} |"),
     }
     environment.tests["of_numbers"] = _are_numbers
     return environment.get_template(name)
+
+
+def _html(text: str) -> str:
+    return html.escape(printable(text))
 
 
 def _shown(value: Any) -> Any:
@@ -144,15 +150,11 @@ def _escaped(value: Any) -> Markup:
     return Markup(shown.replace("|", "\\|"))
 
 
-def _prose(text: str) -> Markup:
+def _prose(text: str, escape: Callable[[str], str], code: str) -> Markup:
+    """A sentence of our own, with its words between backticks as code."""
     parts = CODE.split(text)
-    return Markup("".join(part if k % 2 else _escaped(part) for k, part in enumerate(parts)))
-
-
-def _prose_html(text: str) -> Markup:
-    parts = [html.escape(printable(part)) for part in CODE.split(text)]
-    shown = (f"<code>{p.strip('`')}</code>" if k % 2 else p for k, p in enumerate(parts))
-    return Markup("".join(shown))
+    marked = (code.format(p.strip("`")) if k % 2 else escape(p) for k, p in enumerate(parts))
+    return Markup("".join(marked))
 
 
 def _code(text: str) -> Markup:

@@ -1,6 +1,6 @@
 """Studies in words: tables for the terminal, and columns of CSV."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,16 +21,6 @@ def local_table(sensitivities: Sensitivities) -> str:
     return _table(
         "θ ∂ε/∂θ at v [m/s]", sensitivities.velocity, _symbols(sensitivities), cells.T, 11
     )
-
-
-def limits_table(
-    sensitivities: Sensitivities, limits: Mapping[str, tuple], confidence: float
-) -> str:
-    """Central limits of θ ∂ε/∂θ over draws of a posterior, an input a line."""
-    ends = (zip(*limits[name], strict=True) for name in sensitivities.names)
-    cells = [[f"{a + 0.0:.4f} … {b + 0.0:.4f}" for a, b in pairs] for pairs in ends]
-    head = f"{100 * confidence:g} % of draws at v [m/s]"
-    return _table(head, sensitivities.velocity, _symbols(sensitivities), cells, 20)
 
 
 def sobol_table(indices: SobolIndices) -> str:

@@ -117,20 +117,6 @@ def test_what_makes_no_sense_is_refused(call, message):
         call()
 
 
-def test_what_is_far_from_an_elastic_impact_is_asked_about():
-    """A contact time of 2 s; those of the bodies are not."""
-    v = np.array([0.5, 1.0, 2.0])
-    hit = sj.restitution(sj.Hertz(WALL), v)
-    right = {"contact_time": hit.duration, "peak_force": hit.peak_force}
-    right |= {"peak_overlap": hit.peak_overlap}
-    fine = cal.RestitutionData(v, [0.9, 0.8, 0.7], WALL, **right)
-    assert cal.plausibility(fine) == ()
-    slow = cal.RestitutionData(v, [0.9, 0.8, 0.7], WALL, contact_time=[2.0, 2.0, 2.0])
-    (found,) = cal.plausibility(slow)
-    assert found.code == "contact-time"
-    assert found.cause.startswith("contact_time is 2 s at the median")
-
-
 def test_sizes_in_the_rows_make_a_contact_for_each(read_toml):
     csv = "velocity [m/s],restitution,{}\n1,0.9,{}\n2,0.8,{}\n"
     radii = np.array([0.005, 0.01])

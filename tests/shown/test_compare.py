@@ -111,8 +111,8 @@ def test_each_law_has_its_curve_in_the_picture(compared):
 def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path):
     """A dashpot law is a constant ε by another input, exp(-2a cot a) for exp(-π cot a) of the other end."""
     path = write(tmp_path)
-    laws = ("--law", "linear", "--law", "constant", "--end", "zero-force")
-    made = shown(tmp_path, "compare", path, *laws, "--law", "thornton", "--law", "thornton-fixed")
+    laws = ("--laws", "linear,constant,thornton,thornton-fixed", "--end", "zero-force")
+    made = shown(tmp_path, "compare", path, *laws)
     entries = {entry["law"]: entry for entry in ranking(made)}
     value = {n: entries[n]["parameters"]["restitution"]["value"] for n in ("linear", "constant")}
     angle = np.arctan2(np.pi, -np.log(value["linear"]))
@@ -132,7 +132,7 @@ def test_exact_data_have_no_scores_and_a_fit_that_did_not_converge_is_named(tmp_
     rows = "\n".join(f"{v},{0.8}" for v in VELOCITY)
     path = write(tmp_path)
     (tmp_path / "alloy.csv").write_text(f"velocity [m/s],restitution\n{rows}\n", encoding="utf-8")
-    exact = shown(tmp_path, "compare", path, "--law", "constant", "--law", "hertz", quiet=True)
+    exact = shown(tmp_path, "compare", path, "--laws", "constant,hertz", quiet=True)
     entry = ranking(exact)[0]
     assert entry["law"] == "constant"
     assert [entry[name] for name in ("elpd", "delta_elpd", "tie", "weight", "aic", "bic")] == [
@@ -140,7 +140,7 @@ def test_exact_data_have_no_scores_and_a_fit_that_did_not_converge_is_named(tmp_
     ] * 6
     assert "NaN" not in exact.text("compare.json")
     assert exact.out == ""
-    few = ("--law", "walton-braun", "--law", "hertz", "--max-steps", "1")
+    few = ("--laws", "walton-braun,hertz", "--max-steps", "1")
     made = shown(tmp_path, "compare", write(tmp_path), *few)
     assert made.code == 1
     assert "compare: did not converge: Walton–Braun (alloy); the results" in made.err

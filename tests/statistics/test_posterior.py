@@ -443,12 +443,6 @@ def test_curves_sensitivities_and_designs_are_over_the_draws(tmp_path):
     code, _, err = run("curve", *given[:3], folder / "other.nc", "--out", folder / "no")
     assert code == 2
     assert "other.nc: no draws can be read" in err
-    code, out, _ = run("sensitivity", *given, "--out", folder / "local")
-    assert code == 0
-    table = json.loads((folder / "local" / "sensitivity.json").read_text())["local"]["limits"]
-    chosen = values[np.linspace(0, 599, 200).round().astype(int)]
-    low, high = np.quantile(chosen, [0.025, 0.975])
-    np.testing.assert_allclose(table["restitution"], [[low] * 3, [high] * 3], rtol=1e-12)
     options = ("--study", "design", "--shots", "2", "--out", folder / "design")
     code, out, _ = run("sensitivity", *given, *options)
     assert code == 0
@@ -493,20 +487,12 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
     (_, _, ends, *_), *table = markdown_tables(section)[0]
     assert ends == "95 % interval"
     rows = {row[0]: row for row in table}
-    bound, stated, narrowed, *noises = rows
+    _, stated, narrowed, *_ = rows
     assert float(rows[narrowed][1].split(" ± ")[0]) == pytest.approx(np.mean(draws), abs=1e-4)
     low, high = (float(end) for end in rows[narrowed][2].split(" … "))
     assert [low, high] == pytest.approx(np.quantile(draws, [0.025, 0.975]), abs=1e-3)
-    left, found = "(n % of its prior's width left)", [f"{n} = {rows[n][1]}" for n in noises]
-    lines = [line[2:] for line in section.splitlines() if line.startswith("- The data")]
-    assert [re.sub(r"\d+ %", "n %", line) for line in lines] == [
-        f"The data determine {', '.join(found)}.",
-        f"The data narrow {', '.join(f'{n} {left}' for n in (bound, narrowed))}.",
-        f"The data do not determine {stated} {left}.",
-    ]
-    for text, name, share in zip(lines[1:], (narrowed, stated), (0.57, 1.0), strict=True):
+    for name, share in ((narrowed, 0.57), (stated, 1.0)):
         assert float(rows[name][5]) == pytest.approx(share, rel=0.1)  # 1/√(1 + (0.01/0.0069)²)
-        assert int(re.findall(r"(\d+) %", text)[-1]) == pytest.approx(100 * share, rel=0.1)
     of_draws = {code for code, line in warned.items() if "(posterior)" in line}
     assert of_draws == {"mass-at-bound", "follows-prior"}
     assert printed.count("Warnings:") == section.count("## Warnings") == 1
@@ -521,7 +507,6 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
     _, section, warned = sampled(lambda *_, **__: few)
     assert {"r-hat", "effective-size"} <= set(warned)
     assert "conclude nothing from these draws" in section
-    assert "The data determine" not in section
 
 
 # without the packages of the extra
