@@ -33,9 +33,8 @@ from softjax.numerics.derivatives import (
     value_and_slopes,
 )
 
-LEAST = (
-    16  # impacts in the smallest program: it takes a second to compile and an impact a microsecond
-)
+# impacts in the smallest program: it takes a second to compile and an impact a microsecond
+LEAST = 16
 FINE = 256  # from here on four sizes an octave, else one
 SOON = 4096  # impacts that are computed sooner than a program that runs faster is compiled
 # Measured on two cores at 10^6 impacts: chunks of 2048 to 8192 stay in the cache and are as fast as

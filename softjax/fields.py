@@ -202,11 +202,7 @@ def combine(arrays: Any, static: Any) -> Any:
 
 
 def check_fields(module: eqx.Module) -> None:
-    """Raise unless all options and numbers are accepted and the numbers broadcast.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
-    """
+    """Raise unless all options and numbers are accepted and the numbers broadcast."""
     for name, choices in options_of(type(module)).items():
         check_choice(name, getattr(module, name), choices)
     for name, declared, value in _values(module):
@@ -219,11 +215,7 @@ def check_fields(module: eqx.Module) -> None:
 
 
 def checked(law: eqx.Module, velocity) -> Any:
-    """The impact velocity as an array or traced value, checked together with the law.
-
-    Raises:
-        ValueError: naming the argument, its value and what is accepted.
-    """
+    """The impact velocity as an array or traced value, checked together with the law."""
     velocity = as_real(velocity)
     accepted = "a finite impact velocity in m/s, zero or more"
     check("velocity", velocity, lambda v: v >= 0, accepted)

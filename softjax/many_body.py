@@ -4,13 +4,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from softjax.fields import Numbers
+from softjax.numerics.gauss import gauss_legendre
 from softjax.numerics.powers import safe_sqrt
 from softjax.restitution import restitution
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
+NODES, WEIGHTS = gauss_legendre(12)
 NEWTON = 6  # steps to ξ, which is then 8e-7 off at ε = 0.1
 LEAST = 1e-30  # in place of 0 [m]: forces of laws are of positive overlaps
 
@@ -115,8 +115,8 @@ def held_fraction(restitution: Numbers) -> Numbers:
     vanishes: ln ε = -ξ arccos ξ/√(1 - ξ²), by Newton's method from below.
     """
     loss = -jnp.log(jnp.clip(restitution, 1e-3, 1.0))
-    node = (1 + jnp.asarray(NODES).reshape((-1,) + (1,) * loss.ndim)) / 2
-    weight = jnp.asarray(WEIGHTS).reshape(node.shape) / 2
+    node = jnp.asarray(NODES).reshape((-1,) + (1,) * loss.ndim)
+    weight = jnp.asarray(WEIGHTS).reshape(node.shape)
     fraction = 2 * loss / jnp.pi
     for _ in range(NEWTON):  # arccos ξ/√(1 - ξ²) is ∫ 2 dt/(t² + 2 ξ t + 1) from 0 to 1
         below = node**2 + 2 * fraction * node + 1
@@ -128,8 +128,7 @@ def held_fraction(restitution: Numbers) -> Numbers:
 
 def loading_work(law: Any, low: Any, high: Numbers) -> Numbers:
     """∫ P dδ on loading [J] between two √δ, in which forces of contacts are smooth: Gauss and Legendre's."""
-    middle, half = (high + low) / 2, (high - low) / 2
-    shape = (-1,) + (1,) * middle.ndim
-    root = middle + half * jnp.asarray(NODES).reshape(shape)
+    shape = (-1,) + (1,) * high.ndim
+    root = low + (high - low) * jnp.asarray(NODES).reshape(shape)
     force = 2 * root * law.loading_force(jnp.maximum(root**2, LEAST))
-    return half * jnp.sum(jnp.asarray(WEIGHTS).reshape(shape) * force, axis=0)
+    return (high - low) * jnp.sum(jnp.asarray(WEIGHTS).reshape(shape) * force, axis=0)

@@ -242,11 +242,7 @@ def _signed(impact: Impact, collision: Collision, _):
 
 
 def _chosen(law: ContactLaw, route: AbstractRoute | None) -> AbstractRoute:
-    """The requested route, or the law's default.
-
-    Raises:
-        ValueError: where the law cannot take it.
-    """
+    """The requested route, or the law's default; a ValueError where the law cannot take it."""
     route = law.default_route() if route is None else route
     if not isinstance(route, AbstractRoute):
         kinds = "EnergyBalance(), ClosedForm() or ODE(...)"

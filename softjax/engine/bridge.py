@@ -12,13 +12,6 @@ from jaxtyping import Array
 from softjax.checks import ArgumentError
 from softjax.numerics.derivatives import along_active
 
-SOLVER_CLASSES = {
-    "dopri8": dfx.Dopri8,
-    "dopri5": dfx.Dopri5,
-    "tsit5": dfx.Tsit5,
-    "bosh3": dfx.Bosh3,
-}
-
 # of the way: at the default tolerance two or three larger ones follow. Methods of fifth order would take
 # a tenth at 1e-11 where their error estimate happens to pass through zero, and err by 1.3e-10.
 FIRST_STEP = {"dopri8": 0.1}
@@ -33,11 +26,7 @@ NEARLY = 100  # roundings before the end at which a step is taken to go all the 
 
 
 def check_solver(solver, adaptive: bool) -> None:
-    """Raise unless it is an explicit solver of diffrax, with an error estimate if steps are adapted.
-
-    Raises:
-        ValueError: naming the solver and what is accepted.
-    """
+    """Raise unless it is an explicit solver of diffrax, with an error estimate if steps are adapted."""
     others = dfx.AbstractImplicitSolver | dfx.AbstractItoSolver | dfx.AbstractStratonovichSolver
     explicit = isinstance(solver, dfx.AbstractSolver) and not isinstance(solver, others)
     if not explicit and not isinstance(solver, dfx.Euler | dfx.AbstractERK):
@@ -151,8 +140,9 @@ def _walked(field, state, route: Any, save, smooth: bool, until: Array | None = 
 
 
 def _solver(route: Any):
-    named = isinstance(route.solver, str)
-    return SOLVER_CLASSES[route.solver](scan_kind="lax") if named else route.solver
+    if isinstance(route.solver, str):
+        return getattr(dfx, route.solver.capitalize())(scan_kind="lax")
+    return route.solver
 
 
 def _swept(closed, count: int, route: Any, smooth: bool, tableau, active, *leaves):

@@ -18,7 +18,14 @@ from jax import lax
 
 from softjax.batching import over_impacts
 from softjax.engine import outcome
-from softjax.engine.outcome import Collision, Peak, Rebound, Release, loading_kinks, unloading_kinks
+from softjax.engine.outcome import (
+    Collision,
+    Peak,
+    Rebound,
+    UnloadingEnd,
+    loading_kinks,
+    unloading_kinks,
+)
 from softjax.fields import Numbers
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.gauss import integrate
@@ -52,11 +59,11 @@ def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False
     overlap = law.peak(velocity)
     peak = Peak(overlap, velocity, _finite(law.end()), turns)
     residual, recovered, work = law.release(overlap)
-    release = outcome.decided(law, overlap, Release(residual, recovered, residual > 0))
+    end = outcome.as_stated(law, overlap, UnloadingEnd(residual, recovered, residual > 0))
     back = Rebound(_share(work, velocity))
     if clock:
-        back = back._replace(time=_closed_duration(law, peak, release))
-    collision = outcome.assemble(law, peak, release, back, _gain(y), force)
+        back = back._replace(time=_closed_duration(law, peak, end))
+    collision = outcome.assemble(law, peak, end, back, _gain(y), force)
     return outcome.unlifted(law, collision, below)
 
 
@@ -64,17 +71,17 @@ def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=F
     """A collision beyond the elastic stage by any law's forces, one impact."""
     peak = _loading(law, y)
     x_m = peak.overlap
-    release = outcome.release(law, x_m, outcome.searched)
+    end = outcome.unloading_end(law, x_m, outcome.searched)
 
     def unloading(r, rest):
-        return law.unloading_at(release.residual + rest, r, x_m)
+        return law.unloading_at(end.residual + rest, r, x_m)
 
-    work = integral(unloading, release.recovered, x_m - unloading_kinks(law, x_m))
+    work = integral(unloading, end.recovered, x_m - unloading_kinks(law, x_m))
     part = 2.5 / (y * y)
     back = Rebound(part * work.value, error=part * work.error)
     if clock:
-        back = back._replace(time=_duration(law, x_m, release.residual, release.recovered))
-    collision = outcome.assemble(law, peak, release, back, _gain(y), force)
+        back = back._replace(time=_duration(law, x_m, end.residual, end.recovered))
+    collision = outcome.assemble(law, peak, end, back, _gain(y), force)
     return outcome.unlifted(law, collision, below)
 
 
@@ -97,10 +104,10 @@ def _share_jvp(values, tangents):
     return share, quotient(2.5 * quotient(gained, y) - slope * faster, y)
 
 
-def _closed_duration(law: ReducedClosedForm, peak: Peak, release: Release) -> Numbers:
+def _closed_duration(law: ReducedClosedForm, peak: Peak, end: UnloadingEnd) -> Numbers:
     """The time [L/V] from touch to the end of the contact."""
     if len(law.breakpoints()):
-        batch = (law, peak.overlap, release.residual, release.recovered)
+        batch = (law, peak.overlap, end.residual, end.recovered)
         return over_impacts(_duration, batch, forward=False)
     top = jnp.sqrt(peak.overlap)
     drop = _beyond_limit(law, peak) / (top + law.elastic_limit**0.5)
@@ -110,7 +117,7 @@ def _closed_duration(law: ReducedClosedForm, peak: Peak, release: Release) -> Nu
         return root, 1.25 * law.loading(root * root)
 
     rise = _elastic_stage(law, peak.velocity) + smooth_falling_time(place, drop)
-    return rise + _smooth_fall(law, peak.overlap, release)
+    return rise + _smooth_fall(law, peak.overlap, end)
 
 
 def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Numbers:
@@ -124,15 +131,15 @@ def _beyond_limit(law: ReducedClosedForm, peak: Peak) -> Numbers:
     return jnp.where(near, middle, jnp.maximum(peak.overlap - limit, 0.0))
 
 
-def _smooth_fall(law: ReducedClosedForm, peak: Numbers, release: Release) -> Numbers:
+def _smooth_fall(law: ReducedClosedForm, peak: Numbers, end: UnloadingEnd) -> Numbers:
     about_zero = law.powers_about == "zero-overlap"
-    top = jnp.sqrt(peak) if about_zero else jnp.sqrt(release.recovered)
-    bottom = safe_sqrt(release.residual) if about_zero else jnp.zeros_like(top)
-    drop = release.recovered / (top + bottom)
+    top = jnp.sqrt(peak) if about_zero else jnp.sqrt(end.recovered)
+    bottom = safe_sqrt(end.residual) if about_zero else jnp.zeros_like(top)
+    drop = end.recovered / (top + bottom)
 
     def place(eta):
         root = top - drop * eta**2
-        x = root * root + (0.0 if about_zero else release.residual)
+        x = root * root + (0.0 if about_zero else end.residual)
         return root, 1.25 * law.unloading_at(x, drop * eta**2 * (top + root), peak)
 
     return smooth_falling_time(place, drop)
@@ -165,7 +172,15 @@ def _loading(law: ReducedRateIndependent, y: Numbers) -> Peak:
     reach = outcome.loading_reach(law, y)
     enough = work_to(law, reach.top).value >= energy
     turns = jnp.where(jnp.isfinite(reach.end), enough, reach.turns)
-    overlap = _overlap_of_work(law, energy, reach._replace(turns=turns))
+
+    def residual(x, law, energy, _):
+        return work_to(law, x).value - energy
+
+    def slope(x, law, *_):
+        return jnp.maximum(law.loading(x), 0.0)
+
+    # all are arguments: what is traced must not come in unnoticed
+    overlap = implicit_root(_solve, residual, slope)(law, energy, reach._replace(turns=turns))
     # those without an answer take another one, which comes half as far
     overlap = jnp.where(turns, overlap, 0.5 * reach.rough)
     error = work_to(law, lax.stop_gradient(overlap)).error / energy
@@ -177,21 +192,8 @@ def work_to(law: ReducedRateIndependent, x: Numbers) -> Integral:
     return integral(lambda _, x: law.loading(x), x, x - loading_kinks(law, x))
 
 
-def _overlap_of_work(law, energy, reach: Reach):
-    """x_m with W_L(x_m) = energy."""
-
-    def residual(x, law, energy, _):
-        return work_to(law, x).value - energy
-
-    def slope(x, law, *_):
-        return jnp.maximum(law.loading(x), 0.0)
-
-    # all are arguments: what is traced must not come in unnoticed
-    return implicit_root(_solve, residual, slope)(law, energy, reach)
-
-
 def _solve(law, energy, reach: Reach):
-    """By Newton's method in logarithms, in which a power law is a straight line, within bounds."""
+    """x_m with W_L(x_m) = energy: Newton's method in logarithms, in which a power law is straight, within bounds."""
     settled = float(jnp.finfo(energy.dtype).eps) ** 0.75  # the step after it would be rounding
 
     def unfinished(state):

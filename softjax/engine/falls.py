@@ -147,7 +147,15 @@ def times(fall: Fall, y: Array, route: Any, save=None):
     def stage(state, ends):
         start, end = ends
         portion = None if at is None else _share(start, end, at)
-        states, solved = _over_angle(field, start, end, state, route, portion, fall.smooth)
+
+        def eased(t, state):
+            """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
+            left = 1 - t
+            rates = field(start + (end - start) * t * (1 + left), state)
+            return tuple(2 * (end - start) * left * rate for rate in rates)
+
+        zero, one = jnp.zeros_like(end), jnp.ones_like(end)
+        states, solved = solve(eased, zero, one, state, route, portion, smooth=fall.smooth)
         last = states if at is None else jax.tree.map(lambda s: s[-1], states)
         return last, (states, solved)
 
@@ -179,21 +187,8 @@ def _sine_cosine(half):
     return 2 * half / below, (1 - half) * (1 + half) / below
 
 
-def _over_angle(field, start, end, state, route: Any, save, smooth: bool):
-    """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
-
-    def eased(t, state):
-        left = 1 - t
-        rates = field(start + (end - start) * t * (1 + left), state)
-        pace = 2 * (end - start) * left
-        return tuple(pace * rate for rate in rates)
-
-    zero, one = jnp.zeros_like(end), jnp.ones_like(end)
-    return solve(eased, zero, one, state, route, save, smooth=smooth)
-
-
 def _share(start, end, at):
-    """The way t of `_over_angle` at given places, those outside of the stage at its ends."""
+    """Shares of the root of a stage's way at given places, those outside of the stage at its ends."""
     width = jnp.where(end > start, end - start, 1.0)
     left = jnp.clip((end - at) / width, 0.0, 1.0)
     share = 1 - safe_sqrt(left)

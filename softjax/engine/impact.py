@@ -1,4 +1,16 @@
-"""Validate and normalise a batch of impacts, and compute it: elastic ones here, the others by a route."""
+"""Validate and normalise a batch of impacts, and compute it: elastic ones here, the others by a route.
+
+The way of one call, `sj.restitution(law, velocity, route)`:
+
+    batching.batched           pads or cuts the batch; compiles, for its shapes and static fields,
+      collisions               this file: `prepare`, a collision of each impact, `results` of it
+        route.collide          takes `law.reduced_at(velocity)`: forces and velocities without units
+          in_closed_form       of arrays, where the law knows its peak, release and work; else one impact by
+          over_impacts         one `vmap`, in rows: `by_quadrature`, `rate_independent` or `rate_dependent`
+            outcome.assemble   makes a `Collision` of the `Peak`, the `UnloadingEnd` and the `Rebound`
+
+`collide` gives histories the same way, by `history._history`; `duration` and `peak_force` are computed when used.
+"""
 
 from collections.abc import Callable
 

@@ -20,7 +20,7 @@ from softjax.engine.outcome import (
     Collision,
     Peak,
     Rebound,
-    Release,
+    UnloadingEnd,
     flagged,
     loading_kinks,
     unloading_kinks,
@@ -47,15 +47,14 @@ FORCE_NODES = 33  # of the polynomial through the force on loading
 def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
     """One collision beyond the elastic stage."""
     peak = _loading(law, y, route)
-    release = _release(law, peak.overlap)
-    fall = _unloading(law, peak, release)
+    unloaded, fall = _unloading(law, peak.overlap)
     reached, solved = falls.energies(fall, y, route)
     back = Rebound(reached[-1], solved)
     if clock:
         rise, rose = falls.times(_rise(law, peak.overlap), y, route)
         back_time, fell = falls.times(fall, y, route)
         back = back._replace(solved=solved & rose & fell, time=rise + back_time)
-    collision = outcome.assemble(law, peak, release, back, _gain(law, route, y.dtype), force)
+    collision = outcome.assemble(law, peak, unloaded, back, _gain(law, route, y.dtype), force)
     return outcome.unlifted(law, collision, below)
 
 
@@ -71,25 +70,19 @@ def history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
     # the fall from the peak, the other way round
     (time, x, _, speed), rose = falls.times(_rise(law, peak.overlap), y, route, 1 - along[::-1])
     loading = (time[-1] - time[::-1], x[::-1], -speed[::-1], jax.vmap(law.loading)(x[::-1]))
-    release = _release(law, peak.overlap)
-    fall = _unloading(law, peak, release)
+    unloaded, fall = _unloading(law, peak.overlap)
     (time, x, recovered, speed), fell = falls.times(fall, y, route, back)
     unloading = (loading[0][-1] + time, x, speed, jax.vmap(fall.force)(x, recovered))
     samples = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
     rebound = Rebound(jnp.square(speed[-1] / y), rose & fell)
-    return outcome.assemble(law, peak, release, rebound, _gain(law, route, y.dtype)), samples
+    return outcome.assemble(law, peak, unloaded, rebound, _gain(law, route, y.dtype)), samples
 
 
 def _gain(law, route: Any, dtype) -> Numbers:
     return GAIN * route.error(UNKNOWN if isinstance(law, ReducedClosedForm) else ROUGH, dtype)
 
 
-def _release(law: ReducedRateIndependent, peak: Numbers) -> Release:
-    search = _followed if isinstance(law, ReducedClosedForm) else outcome.searched
-    return outcome.release(law, peak, search)
-
-
-def _followed(law: ReducedClosedForm, peak: Numbers) -> Release:
+def _followed(law: ReducedClosedForm, peak: Numbers) -> UnloadingEnd:
     """x* of a smooth unloading force, by third-order steps down from the peak."""
 
     def force(r, peak, law):
@@ -109,7 +102,7 @@ def _followed(law: ReducedClosedForm, peak: Numbers) -> Release:
         return refine(step, one, one > 0, RESIDUAL_STEPS, settled)
 
     r = implicit_root(search, force)(peak, law)
-    return Release(peak * r**2, peak * (1 - r) * (1 + r), r == r)
+    return UnloadingEnd(peak * r**2, peak * (1 - r) * (1 + r), r == r)
 
 
 def _loading(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
@@ -187,17 +180,20 @@ def _rise(law, top: Numbers) -> Fall:
     return Fall(force, top, jnp.zeros_like(top), top, loading_kinks(law, top), smooth=smooth)
 
 
-def _unloading(law, peak: Peak, release: Release) -> Fall:
-    top, closed = peak.overlap, isinstance(law, ReducedClosedForm)
-    return Fall(
+def _unloading(law, top: Numbers) -> tuple[UnloadingEnd, Fall]:
+    """Where unloading from the peak ends, and the fall from there."""
+    closed = isinstance(law, ReducedClosedForm)
+    end = outcome.unloading_end(law, top, _followed if closed else outcome.searched)
+    fall = Fall(
         force=lambda x, recovered: law.unloading_at(x, recovered, top),
         top=top,
-        bottom=release.residual,
-        span=release.recovered,
+        bottom=end.residual,
+        span=end.recovered,
         kinks=unloading_kinks(law, top),
         about_zero=closed and law.powers_about == "zero-overlap",
         smooth=closed,
     )
+    return end, fall
 
 
 # rate-dependent laws
@@ -304,12 +300,7 @@ def _largest_force(scene: _Scene, route: Any) -> Numbers:
 
 
 def damped_history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
-    """The collision, and time, overlap, velocity and force at fixed fractions of both branches.
-
-    Args:
-        fractions: two increasing arrays in [0, 1], of the angle of loading and of unloading; the
-            peak is sampled once, as the end of loading.
-    """
+    """The same as `history`, at fractions of the angle."""
     along, back = fractions
     scene = _scene(law, y)
     there = phase.samples(TOUCH, PEAK, along)

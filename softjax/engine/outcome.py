@@ -1,6 +1,6 @@
-"""What a collision comes to: its parts, how a rate-independent one is put together, and its release.
+"""What a collision comes to: its parts, how a rate-independent one is put together, and where it ends.
 
-A route computes `Peak`, `Release` and `Rebound`; `assemble` makes a `Collision` of them with the hooks
+A route computes `Peak`, `UnloadingEnd` and `Rebound`; `assemble` makes a `Collision` of them with the hooks
 of the law: where loading ends, what remains, whether the unloading force vanishes, its range.
 """
 
@@ -126,19 +126,19 @@ class Peak(NamedTuple):
     error: Numbers | float = 0.0
 
 
-class Release(NamedTuple):
+class UnloadingEnd(NamedTuple):
     """The end of unloading.
 
     Attributes:
         residual: x*; 0 where the force stays positive down to zero overlap.
         recovered: x_m - x*.
-        released: whether x* is positive.
+        positive: whether x* is.
         clean: whether its derivative is known: not where the force jumps to zero.
     """
 
     residual: Numbers
     recovered: Numbers
-    released: Flags
+    positive: Flags
     clean: Flags | bool = True
 
 
@@ -154,7 +154,7 @@ class Rebound(NamedTuple):
 def assemble(
     law: ReducedRateIndependent,
     peak: Peak,
-    release: Release,
+    unloaded: UnloadingEnd,
     back: Rebound,
     gain: Numbers | float,
     force: bool = False,
@@ -171,10 +171,10 @@ def assemble(
     solved = peak.solved & ((back.solved & jnp.isfinite(back.energy)) | ~peak.turns)
     answered = peak.turns & solved
     end = jax.lax.stop_gradient(jnp.where(solved, peak.end, 0.0))
-    exact = (peak.error + back.error <= SETTLED[str(peak.velocity.dtype)]) & release.clean
+    exact = (peak.error + back.error <= SETTLED[str(peak.velocity.dtype)]) & unloaded.clean
     overlap = jnp.where(answered, peak.overlap, end)
     conditions = {
-        Status.NO_RESIDUAL_OVERLAP: answered & ~release.released,
+        Status.NO_RESIDUAL_OVERLAP: answered & ~unloaded.positive,
         Status.ENERGY_GAIN: answered & (back.energy > 1 + gain + back.error),
         Status.BEYOND_EXPANSION: solved & law.beyond_expansion(overlap),
         Status.NO_TURNING_POINT: ~peak.turns,
@@ -188,7 +188,7 @@ def assemble(
     return Collision(
         energy=where_answered(back.energy),
         peak=overlap,
-        residual=jnp.where(answered, release.residual, end),
+        residual=jnp.where(answered, unloaded.residual, end),
         flags=flagged(conditions),
         duration=None if back.time is None else where_answered(back.time),
         force=where_answered(largest(law.loading, peak.overlap)) if force else None,
@@ -228,29 +228,29 @@ def _vector(points, like: Numbers) -> Numbers:
     return jnp.where(jnp.isnan(stacked), 0.0, stacked)  # none there
 
 
-def release(law: ReducedRateIndependent, peak: Numbers, search: Callable) -> Release:
+def unloading_end(law: ReducedRateIndependent, peak: Numbers, search: Callable) -> UnloadingEnd:
     """The residual overlap as the law knows it, else by `search`: the zero of its unloading force."""
     residual = law.residual(peak)
     if residual is None:
-        return decided(law, peak, search(law, peak))
+        return as_stated(law, peak, search(law, peak))
     recovered = law.recovered(peak)
     recovered = peak - residual if recovered is None else recovered
-    return decided(law, peak, Release(residual, recovered, residual > 0))
+    return as_stated(law, peak, UnloadingEnd(residual, recovered, residual > 0))
 
 
-def decided(law: ReducedRateIndependent, peak: Numbers, candidate: Release) -> Release:
+def as_stated(law: ReducedRateIndependent, peak: Numbers, end: UnloadingEnd) -> UnloadingEnd:
     """The same where the law itself states whether the unloading force vanishes."""
     stated = law.releases(peak)
-    released = candidate.released if stated is None else jnp.broadcast_to(stated, peak.shape)
-    return Release(
-        residual=jnp.where(released, candidate.residual, 0.0),
-        recovered=jnp.where(released, candidate.recovered, peak),
-        released=released,
-        clean=candidate.clean | ~released,
+    positive = end.positive if stated is None else jnp.broadcast_to(stated, peak.shape)
+    return UnloadingEnd(
+        residual=jnp.where(positive, end.residual, 0.0),
+        recovered=jnp.where(positive, end.recovered, peak),
+        positive=positive,
+        clean=end.clean | ~positive,
     )
 
 
-def searched(law: ReducedRateIndependent, peak: Numbers) -> Release:
+def searched(law: ReducedRateIndependent, peak: Numbers) -> UnloadingEnd:
     """The last zero of the unloading force of one impact, whatever its power there."""
 
     @jax.custom_jvp
@@ -270,7 +270,7 @@ def searched(law: ReducedRateIndependent, peak: Numbers) -> Release:
     x, recovered = root(law, peak)
     left = law.unloading_at(x, recovered, peak)
     jumps = left > JUMP * law.unloading_at(peak, jnp.zeros_like(peak), peak)
-    return Release(x, recovered, x > 0, ~jumps)
+    return UnloadingEnd(x, recovered, x > 0, ~jumps)
 
 
 def _motion(place, params, tangents):

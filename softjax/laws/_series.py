@@ -28,14 +28,9 @@ def taylor(name: str) -> list[float]:
 
 def series(name: str, x: Array) -> Array:
     """The function of that name, of x within its range."""
-    coefficients, low, high = _series(name)
-    return _clenshaw(coefficients, (2 * x - (low + high)) / (high - low))
-
-
-@lru_cache
-def _series(name: str) -> tuple[tuple[float, ...], float, float]:
     stored = _stored()["series"][name]
-    return tuple(stored["coefficients"]), stored["low"], stored["high"]
+    low, high = stored["low"], stored["high"]
+    return _clenshaw(tuple(stored["coefficients"]), (2 * x - (low + high)) / (high - low))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))

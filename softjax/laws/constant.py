@@ -26,9 +26,6 @@ class ConstantRestitution(HardSphereLaw, final=True):
     Source: I. Newton, Philosophiae naturalis principia mathematica (1687), scholium to the laws of
     motion; the usual model of event-driven granular simulations.
     Range: none of its own. Measured ε depend on velocity, which makes this a baseline.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     contact: Contact | None

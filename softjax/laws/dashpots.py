@@ -1,13 +1,5 @@
 """Springs with a dashpot that is set to an ε: a linear one, and Hertz's.
 
-P. A. Cundall and O. D. L. Strack, A discrete numerical model for granular assemblies,
-Géotechnique 29, 47 (1979); for the two ends of the contact T. Schwager and T. Pöschel, Coefficient
-of restitution and linear-dashpot model revisited, Granular Matter 9, 465 (2007).
-Y. Tsuji, T. Tanaka and T. Ishida, Lagrangian numerical simulation of plug flow of cohesionless
-particles in a horizontal pipe, Powder Technol. 71, 239 (1992); the relation of damping and ε:
-D. Antypov and J. A. Elliott, On an analytical solution for the damped Hertzian spring,
-Europhys. Lett. 94, 50004 (2011).
-
 Collisions of dashpots in closed form are functions of Λ = -ln ε of the zero-overlap end alone. A linear
 spring's motion is e^{-ξωt} sin(wωt)/w with ξ = Λ/√(π² + Λ²) and w = π/√(π² + Λ²). Over the phase
 φ = wωt its overlap is largest at acos ξ = atan(π/Λ); it vanishes at π, the force at twice the former.
@@ -73,9 +65,6 @@ class LinearSpringDashpot(RateDependentLaw, final=True):
     Source: Cundall and Strack, Géotechnique 29, 47 (1979); Schwager and Pöschel, Granular Matter
     9, 465 (2007).
     Range: an effective law for granular simulations; K is no property of the material.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     contact: Contact
@@ -148,9 +137,6 @@ class HertzDashpot(RateDependentLaw, final=True):
     Source: Tsuji, Tanaka and Ishida, Powder Technol. 71, 239 (1992); α(ε): Antypov and Elliott,
     Europhys. Lett. 94, 50004 (2011).
     Range: an effective law for granular simulations; the dashpot is no property of the material.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     contact: Contact

@@ -1,8 +1,4 @@
-"""Eq. (17) by itself: an explicit ε(v), without a force.
-
-Y. H. Zhou, Modeling of softsphere normal collisions with characteristic of coefficient of
-restitution dependent on impact velocity, Theor. Appl. Mech. Lett. 3, 021003 (2013), Eq. (17).
-"""
+"""Eq. (17) of Zhou (2013) by itself: an explicit ε(v), without a force."""
 
 import math
 
@@ -37,9 +33,6 @@ class EmpiricalRestitution(HardSphereLaw, final=True):
 
     Source: Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013), Eq. (17).
     Range: v < v_lim; beyond, ε is 0 and the status says so.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     limit_velocity: Number = number_field("v_lim", "m/s", "velocity", within="(0, inf)")

@@ -1,7 +1,4 @@
-"""Hertz's elastic contact of two spheres.
-
-H. Hertz, Über die Berührung fester elastischer Körper, J. reine angew. Math. 92, 156 (1882).
-"""
+"""Hertz's elastic contact of two spheres."""
 
 import math
 
@@ -29,9 +26,6 @@ class Hertz(RateIndependentLaw, final=True):
     Source: Hertz, J. reine angew. Math. 92, 156 (1882).
     Range: smooth bodies, overlaps far below R, velocities far below the speed of sound in them
     and below that of first yield.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     never_yields = True

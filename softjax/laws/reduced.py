@@ -199,25 +199,23 @@ class HertzMotion(NamedTuple):
 
     Attributes:
         overlap: the largest one, L [m].
-        pace: (v/V)^{1/5}; the time L/v is R/V over it.
+        time: L/v [s], R/V over the pace.
+        pace: (v/V)^{1/5}.
         whole: R and V.
     """
 
     overlap: Numbers
+    time: Numbers
     pace: Numbers
     whole: Scales
-
-    @property
-    def time(self) -> Numbers:
-        """L/v [s]."""
-        return quotient(self.whole.time, jnp.where(self.pace > 0, self.pace, 1.0))
 
 
 def hertz_motion(contact: Contact, velocity: Numbers) -> HertzMotion:
     """Of impacts at v [m/s], by one power."""
     whole = hertz_scales(contact)
     pace = _fifth_root(velocity) / _fifth_root(whole.velocity)
-    return HertzMotion(whole.overlap * pace**4, pace, whole)
+    time = quotient(whole.time, jnp.where(pace > 0, pace, 1.0))
+    return HertzMotion(whole.overlap * pace**4, time, pace, whole)
 
 
 @jax.custom_jvp

@@ -1,8 +1,5 @@
 """Thornton's elastic–perfectly plastic law of two spheres.
 
-C. Thornton, Coefficient of restitution for collinear collisions of elastic–perfectly plastic
-spheres, J. Appl. Mech. 64, 383 (1997).
-
 In the units of first yield, x = δ/δ_y and forces in k δ_y^{3/2}, nothing is left but y = v/V_y.
 """
 
@@ -52,9 +49,6 @@ class Thornton(RateIndependentLaw, final=True):
     Source: Thornton, J. Appl. Mech. 64, 383 (1997).
     Range: no hardening, and plastic deformation confined to the contact region. For v far above
     V_y it gives ε ∝ v^{-1/4}.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     contact: Contact

@@ -1,9 +1,5 @@
 """Viscoelastic spheres: Hertz's contact of a material with viscosity.
 
-G. Kuwabara and K. Kono, Restitution coefficient in a collision between two spheres, Jpn. J. Appl.
-Phys. 26, 1230 (1987); N. V. Brilliantov, F. Spahn, J.-M. Hertzsch and T. Pöschel, Model for
-collisions in granular gases, Phys. Rev. E 53, 5382 (1996).
-
 The collision in closed form is a function of w² alone. In units of the impact velocity v, of (M v²/k)^{2/5} and of their quotient the motion is
 
     x'' = -x^{3/2} - w² √x x',  x(0) = 0,  x'(0) = 1,    until x^{3/2} + w² √x x' = 0.
@@ -65,9 +61,6 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
     and Pöschel, Phys. Rev. E 53, 5382 (1996).
     Range: nothing yields, A far shorter than the contact's duration (w² well below 1), velocities
     far below the speed of sound in the bodies.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     contact: Contact
@@ -88,9 +81,9 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
         rate = quotient(motion.whole.velocity, motion.whole.overlap)
         collision = _collision(_damping(1.5 * UNIT * self.dissipation_time, motion.pace, rate))
         return KnownCollision(
-            coefficient=collision.restitution,
-            peak_overlap=motion.overlap / UNIT * collision.peak,
-            residual_overlap=motion.overlap / UNIT * collision.residual,
+            coefficient=collision.coefficient,
+            peak_overlap=motion.overlap / UNIT * collision.peak_overlap,
+            residual_overlap=motion.overlap / UNIT * collision.residual_overlap,
             duration=motion.time / UNIT * collision.duration,
         )
 
@@ -108,15 +101,6 @@ class ReducedViscoelastic(ReducedRateDependent):
 
     def dissipative(self, x: Numbers, velocity: Numbers) -> Numbers:
         return 1.5 * self.dissipation * safe_sqrt(x) * velocity
-
-
-class _Viscous(NamedTuple):
-    """A collision in the units above."""
-
-    restitution: Array
-    peak: Array
-    residual: Array
-    duration: Array
 
 
 class _Damping(NamedTuple):
@@ -141,7 +125,8 @@ def _damping(*factors: Array) -> _Damping:
     return _Damping(weak, jnp.where(is_strong, log, 0.0), is_strong)
 
 
-def _collision(of: _Damping) -> _Viscous:
+def _collision(of: _Damping) -> KnownCollision:
+    """In the units above."""
     w_squared, log = of.weak, of.log
     # where its series is not used its derivatives might leave the range of numbers
     tells = w_squared > float(jnp.finfo(w_squared.dtype).eps) ** 2
@@ -149,11 +134,11 @@ def _collision(of: _Damping) -> _Viscous:
     restitution = _logarithm("restitution", log, -5 / 3)
     pick = lambda strong, weak: jnp.where(of.is_strong, strong, weak)  # noqa: E731
     epsilon = pick(jnp.exp(restitution), _weak("restitution", w_squared, w))
-    return _Viscous(
-        restitution=epsilon,
-        peak=pick(jnp.exp(_logarithm("peak", log, -2 / 3)), series("weak peak", w_squared)),
+    return KnownCollision(
+        coefficient=epsilon,
+        peak_overlap=pick(jnp.exp(_logarithm("peak", log, -2 / 3)), series("weak peak", w_squared)),
         # where the force vanishes, x = -w² x'
-        residual=pick(jnp.exp(restitution + log), w_squared * epsilon),
+        residual_overlap=pick(jnp.exp(restitution + log), w_squared * epsilon),
         duration=pick(
             _logarithm("duration", log, FREE) * jnp.exp(-2 / 3 * log),
             _weak("duration", w_squared, w),

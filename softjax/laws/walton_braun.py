@@ -1,8 +1,4 @@
-"""Walton and Braun's bilinear hysteretic spring.
-
-O. R. Walton and R. L. Braun, Viscosity, granular-temperature, and stress calculations for
-shearing assemblies of inelastic, frictional disks, J. Rheol. 30, 949 (1986).
-"""
+"""Walton and Braun's bilinear hysteretic spring."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,9 +37,6 @@ class WaltonBraun(RateIndependentLaw, final=True):
     Source: Walton and Braun, J. Rheol. 30, 949 (1986), where s is a pure number S because forces
     and overlaps are scaled.
     Range: an effective law for granular simulations; k1 is no property of the material.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     contact: Contact
@@ -52,7 +45,22 @@ class WaltonBraun(RateIndependentLaw, final=True):
     growth: Number = number_field("s", "1/m", "growth", within="[0, inf)", default=0.0)
 
     def __check_init__(self):
-        _check_stiffer(self.loading_stiffness, self.unloading_stiffness)
+        loading, unloading = self.loading_stiffness, self.unloading_stiffness
+        # anything that is no array of numbers is a placeholder of JAX's own, or has its own refusal
+        known = all(
+            isinstance(a, float)
+            or getattr(getattr(a, "dtype", None), "kind", None) in ("f", "i", "u")
+            for a in (loading, unloading)
+        )
+        if not known or is_traced(loading) or is_traced(unloading):
+            return
+        stiff = np.asarray(loading)
+        # where it is not finite its own check finds it
+        if np.any((np.asarray(unloading) < stiff) & np.isfinite(stiff)):
+            raise ArgumentError(
+                "`unloading_stiffness` must be at least `loading_stiffness` "
+                f"({shown(loading)} N/m), but is {shown(unloading)}"
+            )
 
     def scales(self) -> Scales:
         """R, and R √(k1/M)."""
@@ -72,22 +80,6 @@ class WaltonBraun(RateIndependentLaw, final=True):
     def _over(self, length) -> "ReducedWaltonBraun":
         ratio = jnp.asarray(self.unloading_stiffness) / self.loading_stiffness
         return ReducedWaltonBraun(ratio, jnp.asarray(self.growth) * length)
-
-
-def _check_stiffer(loading, unloading) -> None:
-    # anything that is no array of numbers is a placeholder of JAX's own, or has its own refusal
-    known = all(
-        isinstance(a, float) or getattr(getattr(a, "dtype", None), "kind", None) in ("f", "i", "u")
-        for a in (loading, unloading)
-    )
-    if not known or is_traced(loading) or is_traced(unloading):
-        return
-    stiff = np.asarray(loading)
-    if np.any((np.asarray(unloading) < stiff) & np.isfinite(stiff)):  # else found by its own check
-        raise ArgumentError(
-            "`unloading_stiffness` must be at least `loading_stiffness` "
-            f"({shown(loading)} N/m), but is {shown(unloading)}"
-        )
 
 
 class ReducedWaltonBraun(ReducedClosedForm):

@@ -49,9 +49,6 @@ class Zhou(RateIndependentLaw, final=True):
 
     Range: while the plastic radius is inside the contact radius, about d x_m < 1; beyond it the
     status says so.
-
-    Raises:
-        ValueError: naming the field, its value and what is accepted.
     """
 
     jumps_at_yield = True  # ε_p² = 1 + 2d/3 just above
