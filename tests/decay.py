@@ -1,4 +1,4 @@
-"""A law of one's own with everything in closed form: ε = level · e^{-rate · v}."""
+"""A user's law with everything in closed form: ε = level · e^{-rate · v}."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -102,7 +102,7 @@ REFUSED = {
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """A material file, and a fit that knows nothing below first yield."""
+    """A material file, and a fit that determines nothing below first yield."""
     folder, law = tmp_path_factory.mktemp("given"), fitted("nylon")
     v = np.geomspace(1.5, 60.0, 24)
     e = np.asarray(sj.restitution(law, v).coefficient)

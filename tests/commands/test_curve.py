@@ -58,7 +58,7 @@ def agrees(folder, law, rtol=1e-13):
 
 @pytest.fixture(scope="module")
 def above_yield(tmp_path_factory):
-    """A fit that knows nothing below first yield, and its file."""
+    """A fit that determines nothing below first yield, and its file."""
     law = fitted("nylon")
     velocity = np.geomspace(1.5, 60.0, 24)
     noise = 0.003 * np.random.default_rng(4).normal(size=24)

@@ -1,4 +1,4 @@
-"""One experiment told in many ways is one set of data: from Python, CSV and TOML, in any unit and order."""
+"""One experiment stated in many ways is one set of data: from Python, CSV and TOML, in any unit and order."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import calibration as cal
 from tests.drawn import drawn
 
 G = 9.80665
-# two bounce trains, of which every way to tell it holds the same
+# two bounce sequences, of which every way to tell it holds the same
 TIMES = [np.array([0.1, 0.9, 1.66, 2.36, 3.0]), np.array([0.2, 0.8, 1.37, 1.91])]
 INTERVALS = [np.diff(times) for times in TIMES]
 VELOCITY = np.concatenate([G * t[:-1] / 2 for t in INTERVALS])

@@ -174,7 +174,7 @@ def test_balls_that_fell_on_a_ball(columns, falls, tmp_path):
 
 
 def test_percent_taken_twice_velocities_beyond_all_guns_and_restitutions_above_one():
-    """All ε below 0.02; 5 km/s; more above 1 than chance would put there; bounce trains are groups already."""
+    """All ε below 0.02; 5 km/s; more above 1 than chance would put there; bounce sequences are groups already."""
     assert of(VELOCITY, RESTITUTION * 0.0199 / RESTITUTION[0]) == ["percent"]
     assert of(VELOCITY, RESTITUTION * 0.0201 / RESTITUTION[0]) == []
     assert of(VELOCITY * 1001, RESTITUTION) == ["velocity"]

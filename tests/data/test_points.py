@@ -130,7 +130,7 @@ def test_bounces_follow_each_other_within_a_launch():
     for short in (
         {"interval": [0.4, 0.36, 0.5], "launch": [1, 1, 2]},
         {"time": [0.0, 0.4, 0.76, 0.0, 0.4], "launch": [1, 1, 1, 2, 2]},
-    ):  # a launch that gives no restitution is told
+    ):  # a launch that gives no restitution is noted
         data = READ(short)
         np.testing.assert_allclose(data.restitution, [0.9], rtol=1e-12)
         assert data.remarks[0].startswith("1 launch(es)")

@@ -151,7 +151,7 @@ value = 3
 
 
 def test_parameters_and_settings_of_a_file(tmp_path):
-    """A number fixes; what is said of one material goes before what is said of all."""
+    """A number fixes; the entry of one material goes before that of all."""
 
     def problem(toml):
         (tmp_path / "m.csv").write_text("velocity,restitution\n0.12,0.95\n3.0,0.7\n")

@@ -123,7 +123,7 @@ def test_gravity(unit, size, read_toml):
 
 
 def test_numbers_with_their_unit_as_text_and_the_double_nearest_to_a_decimal(read_toml):
-    """So repeats told in cm/s and in m/s are repeats."""
+    """So repeats stated in cm/s and in m/s are repeats."""
     text = '[[material]]\ndata = "m.csv"\nvelocity_uncertainty = "{}"\n'
     for quantity, expected in (("5 %", 0.1), ("+1.5e1 mm/s", 0.015), (" 25mm/s ", 0.025)):
         (data,) = read_toml(text.format(quantity))

@@ -93,7 +93,7 @@ def test_first_derivatives_of_durations(name, route):
 
 @pytest.mark.parametrize(("name", "route"), CASES.values())
 def test_hard_and_invalid_impacts_of_laws(name, route):
-    """From rest to 1e5 m/s numbers with finite slopes; at rest ε = 1; invalid ones are 0 and told."""
+    """From rest to 1e5 m/s numbers with finite slopes; at rest ε = 1; invalid ones are 0 and flagged."""
     count = len(LAWS[name].velocity)
     found, result, *both = solved(name, route)
     status = np.asarray(result.status)

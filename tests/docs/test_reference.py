@@ -1,4 +1,4 @@
-"""The reference is built whole: every public name told, no link that leads nowhere."""
+"""The reference is built whole: every public name documented, no link that leads nowhere."""
 
 import re
 from dataclasses import fields

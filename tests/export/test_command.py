@@ -27,7 +27,7 @@ def export(*options) -> None:
 
 @pytest.fixture(scope="module")
 def fit_file(tmp_path_factory):
-    """Fits of two materials, of which the second knows nothing below first yield."""
+    """Fits of two materials, of which the second determines nothing below first yield."""
     steel, nylon = fitted("stainless steel"), fitted("nylon")
     sets = []
     for name, law, velocity in (
@@ -173,7 +173,7 @@ def test_another_law_and_names_of_a_header(at):
 
 @needs_compiler
 def test_the_contact_force_alone_gives_the_plastic_restitution(at):
-    """At as many steps as asked for, and as soft."""
+    """At as many steps as requested, and as soft."""
     common = (*STEEL, "--to", "c", "--export-law", "exact", "--steps", "400", "--tolerance", "0.1")
     export(*common, "--overlap", "0.03")
     export(*common, "--contact-force", "--out", "force")

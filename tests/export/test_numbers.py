@@ -42,7 +42,7 @@ OF_MASS = {("lammps", "viscoelastic"), ("liggghts", "linear"), ("yade", "linear"
 
 @pytest.mark.parametrize(("code", "law", "options"), DASHPOTS)
 def test_a_dashpot_gives_the_stated_restitution(code, law, options, exported):
-    """Within its stated error of the law wanted: 0.068 where ε is constant, 0.022 viscoelastic."""
+    """Within its stated error of the requested law: 0.068 where ε is constant, 0.022 viscoelastic."""
     _, folder = exported(STEEL, code, law=law, tolerance=0.1, steps=400, **options)
     text, report = read(folder, code)
     force = READERS[code](text)

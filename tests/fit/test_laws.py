@@ -144,7 +144,7 @@ def test_a_link_over_three_materials_is_one_fit():
 
 
 def test_what_the_fit_does_not_determine_is_said():
-    """Zhou's law without points below v_cr knows nothing there; with points below alone, no χ̃."""
+    """Zhou's law without points below v_cr determines nothing there; with points below alone, no χ̃."""
     above = cal.fit(twin("nylon", np.geomspace(1.3, 40, 20), 0.002), **QUICK)
     v = np.array([0.5, 0.99, 1.01, 10.0]) * CRITICAL
     np.testing.assert_array_equal(above.determined(v), [False, False, True, True])

@@ -61,7 +61,7 @@ def dense(data, first, second, noise, of_times):
 
 
 def test_times_and_forces_are_rows_of_the_likelihood(data, result):
-    """Of ε alone a spring is held; here it is found as SciPy finds it, each noise beside."""
+    """Of ε alone a spring is held; here it is found as SciPy finds it, each noise too."""
     cost = lambda x: -dense(data, *np.exp(x))  # noqa: E731
     start = np.log([2.9e6, 4.9e6, 0.012, 0.025])
     best = optimize.minimize(cost, start, method="Nelder-Mead", options={"xatol": 1e-8})

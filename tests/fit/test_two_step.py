@@ -43,7 +43,7 @@ def test_values_are_those_of_table_1_and_of_independent_least_squares(result, na
 
 
 def test_the_line_of_eq_18_and_its_larger_residuals(result):
-    """Through all curves, not through the χ̃; and as parameters of one's own, c1 and c2."""
+    """Through all curves, not through the χ̃; and as parameters of a user's law, c1 and c2."""
     line = result.unloading_line
     alone = cal.fit(cal.paper_materials(), None, {"c1": Free(), "c2": Free()}, **QUICK)
     for c1, c2 in ((line.c1.value, line.c2.value), (alone.values["c1"], alone.values["c2"])):

@@ -1,6 +1,6 @@
 """One impact of a law by its forces in newtons: quadrature and SciPy's roots, or its integration in time.
 
-Of the law only the forces, their kinks and the end of the contact are asked, so a force that is off by a
+Of the law only the forces, their kinks and the end of the contact are evaluated, so a force that is off by a
 factor or in other units differs from what the library finds.
 """
 

@@ -27,7 +27,7 @@ KEPT = 1e-18
 MEDIUM, LARGE = 5.0, 24.0  # ln w² up to which a series goes
 SHARE = 0.86  # a/(a + 8) where ε is the least float64
 RELEASED = 0.8  # acos ξ up to which the zero-force end has a series of its own
-UNRELEASED = 1.55  # 2 asin ξ up to which it is told from the other end
+UNRELEASED = 1.55  # 2 asin ξ up to which it is distinguished from the other end
 
 
 class Collision(NamedTuple):
@@ -244,7 +244,7 @@ WANTED: dict[str, tuple[Callable, float, float]] = {
     "unreleased": (unreleased, 0.0, UNRELEASED),
     "released": (released, 0.0, RELEASED),
 }
-TAYLOR = ("restitution", "duration")  # what is told up to w⁴ beside its series
+TAYLOR = ("restitution", "duration")  # what is stated up to w⁴ next to its series
 
 
 def coefficients(name: str, count: int = NODES) -> list[float]:

@@ -180,7 +180,7 @@ def test_drawn_laws_with_all_kinks_declared(route, bound):
 
 
 def test_drawn_laws_without_a_word_of_kinks():
-    """Exact, or told not to be."""
+    """Exact, or flagged."""
     exact, yields = expected()
     result, *_ = solved(FIELDS._replace(told=np.zeros(DRAWN)), VELOCITY)
     inexact = has(result, "INEXACT")

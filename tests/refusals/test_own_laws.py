@@ -1,4 +1,4 @@
-"""Methods of the user's law that return no numbers, or that JAX cannot trace: one line with the remedy."""
+"""Methods of the user's law that return no numbers, or that JAX cannot trace: one line with what is accepted."""
 
 import math
 from pathlib import Path

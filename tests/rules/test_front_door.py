@@ -1,4 +1,4 @@
-"""Tests go through the front door: public names and commands, not the modules behind them.
+"""Tests use the public interface: names and commands, not the modules behind them.
 
 A module of `softjax` may be imported where an algorithm has a contract of its own (roots, quadrature,
 works), with a comment on the import, or a sentence of the file's docstring that names it, to say why.

@@ -1,4 +1,4 @@
-"""What imports what: one direction, no cycles, and nothing heavy before it is asked for."""
+"""What imports what: one direction, no cycles, and nothing heavy before it is needed."""
 
 import ast
 import graphlib
@@ -52,7 +52,7 @@ FLOORS = [
     {"cli", "__main__"},
 ]
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
-# results show themselves: what draws them and reports them is imported when it is asked for
+# results show themselves: what draws them and reports them is imported when it is needed
 SHOWN = {"fitting.result", "studies.compare"}
 
 
@@ -92,7 +92,7 @@ EDGES = {
     for target in imported(path, "softjax")
     if part(target) in {part(one) for one in SOFTJAX}
 }
-CALIBRATION_EDGES = {  # that a package is imported with a module of it is not told
+CALIBRATION_EDGES = {  # that a package is imported with a module of it is not listed
     (name, target)
     for name, path in CALIBRATION.items()
     for target in imported(path, "calibration") & CALIBRATION.keys()

@@ -227,7 +227,7 @@ def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, to
 
 
 def test_thornton_stands_with_its_factor_free_and_fixed():
-    """What is said of a law acts on it alone: yield at the contact's own critical velocity."""
+    """A setting of a law acts on it alone: yield at the contact's own critical velocity."""
     critical = float(pair("nylon", area="hertz").critical_velocity)
     data = data_of(thornton(VELOCITY, critical, 2.2) + 0.003 * NOISE, 0.003)
     parameters = {"thornton-fixed": {"area": "contact"}}

@@ -1,4 +1,4 @@
-"""26 drops of a bronze ball far above first yield: χ̃ and ε_up are told together, and χ̃ is skewed.
+"""26 drops of a bronze ball far above first yield: χ̃ and ε_up are determined together, and χ̃ is skewed.
 
 All that tells χ̃ agrees: table, profile, bootstrap, comparison, band and plan; the posterior in test_posterior.
 """

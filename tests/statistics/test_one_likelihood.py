@@ -155,7 +155,7 @@ def test_a_problem_is_the_dense_density_wherever_it_is_asked(case):
 
 @pytest.mark.parametrize("case", FITTED)
 def test_a_fit_has_its_largest_value_and_leaves_points_out_by_the_same(case):
-    """ln L over parameters and noise by SciPy; what is told of each point at the fit itself."""
+    """ln L over parameters and noise by SciPy; the terms of each point at the fit itself."""
     data, settings = CASES[case]
     result = cal.fit(data, Decay, profiles=False, starts=4, **settings)
     problem = cal.problem(data, Decay, **settings)

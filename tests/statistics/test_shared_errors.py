@@ -1,4 +1,4 @@
-"""Points that share errors (groups, bounce trains, repeats), scatter and scale: dense matrices and closed forms."""
+"""Points that share errors (groups, bounce sequences, repeats), scatter and scale: dense matrices and closed forms."""
 
 import numpy as np
 import pytest

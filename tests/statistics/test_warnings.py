@@ -306,7 +306,7 @@ def test_a_set_off_the_common_curve_as_a_whole_is_named(by, is_raised, stated):
 
 @SIDES
 def test_a_slope_is_told_from_none_by_student_s_t(by, is_raised):
-    """As SciPy has it, of nine points; raised where the slope is not told from 0."""
+    """As SciPy has it, of nine points; raised where the slope is not distinguished from 0."""
     velocity = np.linspace(1, 5, 9)
     noise = np.random.default_rng(2).standard_normal(9)
     noise -= np.polyval(np.polyfit(velocity, noise, 1), velocity)

@@ -1,4 +1,4 @@
-"""What is shipped says the same of itself everywhere, and its types are told."""
+"""What is shipped says the same of itself everywhere, and its types are known to mypy."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""What cannot be written: one line, exit code 3, older files as they were, and results still told."""
+"""What cannot be written: one line, exit code 3, older files as they were, and results still printed."""
 
 import contextlib
 import json
