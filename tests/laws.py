@@ -186,40 +186,43 @@ def expected_slopes(name: str) -> dict[str, np.ndarray]:
 
 
 def graded(law, values: dict, route=None, *, lasting=False):
-    """The quantities, the result, θ ∂q/∂θ of the quantities forward, and of all but the duration in reverse.
+    """The quantities, the result, and θ ∂q/∂θ of the quantities in reverse; by the ODE forward too, and by Zhou's law.
 
     `values` holds an array for each number of the law and the velocity, all of one length up to SIZE:
-    one program serves all tests of a law, route and precision. The duration, if `lasting`, costs as
-    much as the rest.
+    one program serves all tests of a law, route (of any tolerance) and precision. The duration, if
+    `lasting`, costs as much as the rest.
 
     Returns:
-        The quantities (q, impacts), the result, and slopes (θ, q, impacts) and (θ, 3, impacts).
+        The quantities (q, impacts), the result, and a list of slopes (θ, q, impacts).
     """
-    count = len(values["velocity"])
+    count, route = len(values["velocity"]), route or law.default_route()
     padded = {name: jnp.asarray(np.resize(x, SIZE)) for name, x in sorted(values.items())}
     blank = jax.tree.map(lambda _: 0.0, law)
-    found = _graded(blank, padded, route or law.default_route(), QUANTITIES[: 3 + lasting])
+    route, by = (None, route) if not isinstance(route, sj.ODE) else (route, None)
+    found = _graded(blank, padded, route, by, QUANTITIES[: 3 + lasting])
     return jax.tree.map(lambda x: np.asarray(x)[..., :count], found)
 
 
-@partial(jax.jit, static_argnames=("route", "names"))
-def _graded(law, values: dict, route, names):
+@partial(jax.jit, static_argnames=("by", "names"))
+def _graded(law, values: dict, route, by, names):
     def quantities(values):
-        result = sj.restitution(with_numbers(law, values), values["velocity"], route)
+        result = sj.restitution(with_numbers(law, values), values["velocity"], route or by)
         return [getattr(result, name) for name in names], result
 
     found, push, result = jax.linearize(quantities, values, has_aux=True)
-    pull = jax.linear_transpose(lambda values: jnp.stack(push(values)[:3]), values)
+    pull = jax.linear_transpose(lambda values: jnp.stack(push(values)), values)
 
     def forward(i):
         one = {n: jnp.where(i == k, x, 0 * x) for k, (n, x) in enumerate(values.items())}
         return jnp.stack(push(one))
 
     found = jnp.stack(found)
-    rows = jnp.eye(3, dtype=found.dtype)[:, :, None] * jnp.ones_like(found[0])
+    rows = jnp.eye(len(names), dtype=found.dtype)[:, :, None] * jnp.ones_like(found[0])
     (pulled,) = jax.lax.map(pull, rows)
-    reverse = jnp.stack([pulled[name] * x for name, x in values.items()])
-    return found, result, jax.lax.map(forward, jnp.arange(len(values))), reverse
+    slopes = [jnp.stack([pulled[name] * x for name, x in values.items()])]
+    if route or (isinstance(law, sj.Zhou) and law.form == "first-order"):
+        slopes.append(jax.lax.map(forward, jnp.arange(len(values))))
+    return found, result, slopes
 
 
 def of_records(records: list[dict], dtype=np.float64) -> dict:

@@ -48,8 +48,8 @@ def solved(name, route):
     field, wrong = case.invalid
     values = laws.repeated(case.law, np.concatenate([case.velocity, HARD, INVALID]))
     values[field][-1] = wrong
-    found, result, *both = graded(case.law, values, route, lasting=(name, route) not in UNTIMED)
-    return found, result, *(dict(zip(values, slopes, strict=True)) for slopes in both)
+    found, result, modes = graded(case.law, values, route, lasting=(name, route) not in UNTIMED)
+    return found, result, [dict(zip(values, slopes, strict=True)) for slopes in modes]
 
 
 @pytest.mark.parametrize(  # Zhou's are over its curves, below
@@ -63,14 +63,13 @@ def test_first_derivatives_of_laws(name, route):
     size[0] = 1.0
     size[2] = np.maximum(size[1], 1e-300)  # an overlap left is known to rounding of the peak
     tolerance = 2e-12 if route != PRECISE else 1e-9
-    values, _, *both = solved(name, route)
+    values, _, modes = solved(name, route)
     each = len(values)
     assert np.all(np.abs(values[:, :count] - exact.T[:each]) <= tolerance * size[:each])
-    for slopes in both:
+    for slopes in modes:
         assert set(slopes) == set(expected)
         for key, exact_slope in expected.items():
             found = slopes[key][:, :count]
-            each = len(found)  # reverse without the duration
             error = np.abs(found - exact_slope.T[:each]) / size[:each]
             assert np.all(error <= tolerance), (key, error)
             zero = np.all(exact_slope == 0, axis=0)[:each]
@@ -83,7 +82,7 @@ def test_first_derivatives_of_durations(name, route):
     """Where they are left out above."""
     case, expected = LAWS[name], laws.expected_slopes(name)
     values = laws.repeated(case.law, case.velocity)
-    found, _, slopes, _ = graded(case.law, values, route, lasting=True)
+    found, _, (slopes, *_) = graded(case.law, values, route, lasting=True)
     tolerance = 1e-9 if route == PRECISE else 1e-11
     size = laws.expected(name)[:, 3]
     assert np.all(np.abs(found[3] - size) <= tolerance * size)
@@ -95,7 +94,7 @@ def test_first_derivatives_of_durations(name, route):
 def test_hard_and_invalid_impacts_of_laws(name, route):
     """From rest to 1e5 m/s numbers with finite slopes; at rest ε = 1; invalid ones are 0 and flagged."""
     count = len(LAWS[name].velocity)
-    found, result, *both = solved(name, route)
+    found, result, modes = solved(name, route)
     status = np.asarray(result.status)
     assert np.all(np.isfinite(found))
     coefficient = found[0, count : count + len(HARD)]
@@ -106,7 +105,7 @@ def test_hard_and_invalid_impacts_of_laws(name, route):
     assert not np.any(status[count + 1 : count + 5] & int(sj.Status.ZERO_VELOCITY))
     assert np.all(status[-4:] == sj.Status.INVALID_INPUT)
     assert np.all(found[:, -4:] == 0)
-    for slopes in both:
+    for slopes in modes:
         for key, slope in slopes.items():
             known = slope[:, :-4] if key != LAWS[name].invalid[0] else slope[:, :-5]
             assert np.all(np.isfinite(known)), key
@@ -132,7 +131,7 @@ def test_bad_impacts_leave_their_neighbours_alone(route):
     for k, (name, values) in enumerate(BAD.items()):
         bad[name][4 * k : 4 * k + 4] = values
     with_good, with_bad = (graded(law, values, route) for values in (plain, bad))
-    for one, two in zip(with_good[2:], with_bad[2:], strict=True):
+    for one, two in zip(with_good[2], with_bad[2], strict=True):
         assert np.array_equal(one[..., count:], two[..., count:])
         slopes = two[..., :count]  # times the number itself, which may be none
         assert np.all((slopes == 0) | np.isnan(slopes))
@@ -151,7 +150,7 @@ def _along(name):
     return dict(zip(names, np.cos(1.0 + np.arange(len(names))), strict=True))
 
 
-QUICK = ("thornton", "viscoelastic", "hertz dashpot to zero-force", "eq. 17")
+QUICK = ("thornton", "hertz dashpot to zero-force", "eq. 17")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else LONG) for n in LAWS])
@@ -210,11 +209,11 @@ def test_first_derivatives_over_the_curves(form, route, bound):
     """ε and both overlaps in all nine inputs, forward and reverse; at 75 velocities of three materials."""
     records = of_form("curves", form)
     values = of_records(records)
-    *_, forward, reverse = graded(fitted("nylon", form), values, route)
+    *_, modes = graded(fitted("nylon", form), values, route)
     peak = column(records, "peak_overlap")
     below = np.array(["ELASTIC" in record["flags"] for record in records])
     assert 0 < np.sum(below) < len(below)
-    for slopes in (forward, reverse):
+    for slopes in modes:
         for name, slope in zip(values, slopes, strict=True):
             exact = [column(records, "log_sensitivities", SYMBOLS[name], q) for q in OVERLAPS]
             assert np.max(np.abs(slope[0] - exact[0])) <= bound, name
@@ -297,8 +296,8 @@ def test_overlaps_do_not_move_without_a_turning_point():
     """δ_max is where the law ends then: a number to look at, and no answer."""
     law = fitted("nylon")
     velocity = np.array([2e3, 20.0]) * law.contact.critical_velocity
-    *_, forward, reverse = graded(law, laws.repeated(law, velocity))
-    for slopes in (forward, reverse):
+    *_, modes = graded(law, laws.repeated(law, velocity))
+    for slopes in modes:
         assert np.all(slopes[:, 1:3, 0] == 0)
         assert np.sum(np.any(slopes[:, 1:3, 1] != 0, axis=1)) >= 5
 
@@ -328,9 +327,9 @@ def squares(values, form, route, dtype):
     """ε², which is what can be compared near ε = 0, ε_p², the status, and both slopes of ε²."""
     law = jax.tree.map(dtype, fitted("nylon", form))
     by = ENERGY if route == "energy" else sj.ODE(TOLERANCE[np.dtype(dtype).name])
-    found, result, *both = graded(law, values, by)
+    found, result, modes = graded(law, values, by)
     coefficient = np.asarray(found[0], float)
-    slopes = [2 * coefficient * np.asarray(s, float)[:, 0] for s in both]
+    slopes = [2 * coefficient * np.asarray(s, float)[:, 0] for s in modes]
     plastic = np.asarray(result.plastic_coefficient, float) ** 2
     return coefficient**2, plastic, np.asarray(result.status), slopes
 
@@ -407,4 +406,4 @@ def test_hard_impacts_alone_are_as_in_the_batch():
         value, _, status, slopes = squares(same, "first-order", "energy", np.float64)
         assert value[0] == pytest.approx(batch[0][k], rel=1e-14, abs=1e-15), rows[k]["name"]
         assert status[0] == batch[2][k], rows[k]["name"]
-        assert np.allclose(slopes[1][:, 0], batch[3][1][:, k], rtol=1e-12, atol=1e-15)
+        assert np.allclose(slopes[0][:, 0], batch[3][0][:, k], rtol=1e-12, atol=1e-15)

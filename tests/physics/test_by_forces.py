@@ -1,6 +1,7 @@
 """Laws by their forces alone: solved by hand, drawn at random, pulling and jumping, by both routes."""
 
-from functools import lru_cache, partial
+from functools import lru_cache
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
+from tests import laws
 from tests.physics import by_forces
 from tests.physics.by_forces import (
     HOLE,
@@ -16,6 +18,7 @@ from tests.physics.by_forces import (
     PULLED,
     STEEL,
     Columns,
+    Drawn,
     Forces,
     Impact,
     columns,
@@ -24,9 +27,10 @@ from tests.physics.by_forces import (
 
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
 over_routes = pytest.mark.parametrize("route", ROUTES)
-SIZES, DRAWN = {"energy": 1000, "ode": 200}, 200  # of batches: one program a route serves all
+SIZE, SMALL, DRAWN = 1000, 16, 200  # of batches: one program a route serves all
 HAND = by_forces.by_hand()
 FIELDS, VELOCITY = by_forces.draw(seed=0, count=DRAWN)
+QUANTITIES = ("plastic_coefficient", "status", *laws.QUANTITIES)
 FLAGS = ("ELASTIC", "NO_RESIDUAL_OVERLAP", "INEXACT", "SOLVER_FAILED", "NO_TURNING_POINT")
 
 
@@ -35,28 +39,36 @@ def has(result, name):
     return (np.asarray(result.status) & int(sj.Status[name])) > 0
 
 
-@partial(jax.jit, static_argnames="route")
-def _solved(fields, velocity, remains, route):
+@jax.jit
+def _solved(fields, velocity, remains):
     def total(fields, velocity):
-        result = sj.restitution(Forces(STEEL, *fields), velocity, route)
+        result = sj.restitution(Drawn(STEEL, *fields), velocity)
         other = jnp.where(remains, result.residual_overlap / LENGTH, result.coefficient)
         return other.sum(), result
 
-    if isinstance(route, sj.ODE):
-        result = total(fields, velocity)[1]
-        return (result, result.duration), None
     (_, result), slopes = jax.value_and_grad(total, (0, 1), has_aux=True)(fields, velocity)
-    return (result, None), slopes
+    return result, slopes
 
 
-def solved(fields: Columns, velocity, route="energy", remains=False):
-    """The result, durations by the ODE, and slopes of ε, or of δ*/LENGTH, by the energy balance."""
-    size, count = SIZES[route], len(velocity)
-    some = tuple(jnp.asarray(np.resize(x, size)) for x in (*fields, velocity))
-    found = _solved(some[:-1], some[-1], remains, ROUTES[route])
-    cut = lambda x: np.asarray(x)[:count] if jnp.ndim(x) else x  # noqa: E731
-    (result, lasts), slopes = jax.tree.map(cut, found)
-    return result, lasts, slopes
+def graded(fields: Columns, velocity, remains=False):
+    """The result of drawn laws by the energy balance, and slopes of ε, or of δ*/LENGTH."""
+    some = [np.resize(x, SIZE) for x in (*fields, velocity)]
+    found = _solved(tuple(some[:-1]), some[-1], remains)
+    return jax.tree.map(lambda x: np.asarray(x)[: len(velocity)] if np.ndim(x) else x, found)
+
+
+def solved(fields: Columns, velocity, route="energy"):
+    """The result, and its durations by the ODE."""
+    count = len(velocity)
+    size = -(-count // SMALL) * SMALL
+    rows = (np.split(np.resize(x, size), size // SMALL) for x in (*fields, velocity))
+    hits = [
+        sj.restitution(Forces(STEEL, *row), v, ROUTES[route]) for *row, v in zip(*rows, strict=True)
+    ]
+    names = QUANTITIES[: 5 + (route == "ode")]
+    return SimpleNamespace(
+        **{n: np.concatenate([getattr(one, n) for one in hits])[:count] for n in names}
+    )
 
 
 def off(result, exact):
@@ -73,7 +85,7 @@ def off(result, exact):
 def test_collisions_solved_by_hand(route):
     """ε², both overlaps, durations by the ODE, the status; and by the energy balance ∂δ*/∂ρ of a zero that is searched for."""
     velocity = np.array([row.velocity for row in HAND])
-    hit, lasts, _ = solved(columns([row.law for row in HAND]), velocity, route)
+    hit = solved(columns([row.law for row in HAND]), velocity, route)
     squared, peak, residual, flags, tolerance, time = (
         np.array([getattr(row, name) for row in HAND], float) for name in Impact._fields[2:]
     )
@@ -90,7 +102,7 @@ def test_collisions_solved_by_hand(route):
         "status": hit.status & ~int(sj.Status.ABOVE_LIMIT_VELOCITY) != flags,
     }
     if route == "ode":
-        wrong["duration"] = np.abs(lasts / LENGTH / time - 1) > 1e-8
+        wrong["duration"] = np.abs(hit.duration / LENGTH / time - 1) > 1e-8
     assert np.all(np.isfinite(hit.coefficient))
     for name, rows in wrong.items():
         assert [HAND[k] for k in np.flatnonzero(sure & rows)] == [], name
@@ -101,7 +113,7 @@ def test_slopes_of_a_zero_that_is_searched_for():
     rows = [row for row in HAND if set(row.law) == {"back", "rest"} and row.law["rest"] < 1]
     fields, velocity = columns([row.law for row in rows]), np.array([row.velocity for row in rows])
 
-    *_, (slopes, _) = solved(fields, velocity, remains=True)
+    _, (slopes, _) = graded(fields, velocity, remains=True)
     peaks = [row.peak for row in rows]
     assert np.allclose(slopes[by_forces.NAMES.index("rest")], peaks, rtol=1e-4, atol=0)
 
@@ -122,7 +134,7 @@ def test_forces_that_pull_and_jump(route):
         peak = np.max(found.overlap, axis=1)
         error = np.abs(np.square(found.plastic_coefficient) - exact.squared)
     else:
-        found, *_ = solved(fields, velocity, route)
+        found = solved(fields, velocity, route)
         peak, error = found.peak_overlap, off(found, exact)[0]
     sure = ~has(found, "INEXACT")
     pulls, jumps = fields.pull + fields.snap > 0, fields.kink == JUMPING["kink"]
@@ -138,7 +150,7 @@ def test_a_pull_too_hard_for_the_integration_is_no_wrong_number(solver):
     snaps, slow = pulled()[0].take(np.array([6])), np.array([0.3])
     assert snaps.snap == 2
     if solver == "dopri8":
-        found, *_ = solved(snaps, slow, "ode")
+        found = solved(snaps, slow, "ode")
     else:
         found = sj.restitution(snaps.law(), slow, sj.ODE(solver=solver))
     error = np.abs(found.plastic_coefficient**2 / by_forces.answers(snaps, slow).squared - 1)
@@ -167,7 +179,7 @@ def test_the_draw_has_all_kinds():
 @pytest.mark.parametrize(("route", "bound"), [("energy", 1e-9), ("ode", 1e-7)])
 def test_drawn_laws_with_all_kinks_declared(route, bound):
     exact, yields = expected()
-    result, lasts, _ = solved(FIELDS, VELOCITY, route)
+    result = graded(FIELDS, VELOCITY)[0] if route == "energy" else solved(FIELDS, VELOCITY, route)
     assert np.max(off(result, exact)[:, yields]) < bound
     assert np.array_equal(has(result, "ELASTIC"), ~yields)
     assert np.all(result.plastic_coefficient[~yields] == 1)
@@ -176,13 +188,13 @@ def test_drawn_laws_with_all_kinks_declared(route, bound):
     assert np.array_equal(has(result, "NO_RESIDUAL_OVERLAP"), yields & (exact.residual == 0))
     for k in np.flatnonzero(yields)[: 12 * (route == "ode")]:
         time = duration(FIELDS.take(k), VELOCITY[k], exact.peak[k], exact.residual[k])
-        assert lasts[k] == pytest.approx(time * LENGTH, rel=2e-7)
+        assert result.duration[k] == pytest.approx(time * LENGTH, rel=2e-7)
 
 
 def test_drawn_laws_without_a_word_of_kinks():
     """Exact, or flagged."""
     exact, yields = expected()
-    result, *_ = solved(FIELDS._replace(told=np.zeros(DRAWN)), VELOCITY)
+    result, _ = graded(FIELDS._replace(told=np.zeros(DRAWN)), VELOCITY)
     inexact = has(result, "INEXACT")
     worst = np.max(off(result, exact), 0)
     assert np.max(worst[yields & ~inexact]) < 1e-9
@@ -194,7 +206,7 @@ def test_drawn_laws_without_a_word_of_kinks():
 
 def test_a_thousand_more_are_numbers_with_good_neighbours():
     """Wilder ones: forces of any size, velocities over twelve decades; forward and backward."""
-    size = SIZES["energy"]
+    size = SIZE
     fields, velocity = by_forces.draw(seed=1, count=size)
     rng = np.random.default_rng(2)
     wild = np.arange(size) % 2 == 0
@@ -204,11 +216,11 @@ def test_a_thousand_more_are_numbers_with_good_neighbours():
     fields = fields._replace(
         **{n: np.where(wild, x, getattr(fields, n)) for n, x in wilder.items()}
     )
-    result, _, slopes = solved(fields, velocity)
+    result, slopes = graded(fields, velocity)
     for leaf in jax.tree.leaves((result.coefficient, result.status, slopes)):
         assert np.all(np.isfinite(leaf))
     calm = np.repeat(np.flatnonzero(~wild), 2)
-    alone, _, slopes_alone = solved(fields.take(calm), velocity[calm])
+    alone, slopes_alone = graded(fields.take(calm), velocity[calm])
     assert np.array_equal(alone.status, result.status[calm])
     assert np.allclose(alone.coefficient, result.coefficient[calm], rtol=0, atol=1e-13)
     assert np.allclose(slopes_alone[1], slopes[1][calm], rtol=1e-9, atol=1e-12)
@@ -217,7 +229,7 @@ def test_a_thousand_more_are_numbers_with_good_neighbours():
 def test_slopes_of_drawn_laws():
     """θ ∂ε/∂θ against differences of the answers, where no kink is beside the peak."""
     _, yields = expected()
-    _, _, (by_fields, by_velocity) = solved(FIELDS, VELOCITY)
+    _, (by_fields, by_velocity) = graded(FIELDS, VELOCITY)
     step = 1e-6
     for name in ("slope", "more", "rest", "floor", "kink", "elastic", "velocity"):
         moved = [
