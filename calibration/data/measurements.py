@@ -412,8 +412,6 @@ class RestitutionData:
         require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
         if self.uncertainty is not None:
             require("uncertainty", self.uncertainty, lambda u: u > 0, "a positive number")
-        if (u_v := self.velocity_uncertainty) is not None:
-            require("velocity_uncertainty", u_v, lambda u: u >= 0, "a speed of 0 m/s or more")
         accepted = f"at most {LARGEST}; above 1 it is noise or an input error"
         if np.max(measured) > PERCENT:
             accepted += " (is it in percent? then the unit is [%])"

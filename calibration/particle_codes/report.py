@@ -123,7 +123,6 @@ class Export:
     def notes(self) -> tuple[str, ...]:
         """The first lines of every file."""
         choice, target, contact = self.choice, self.target, self.target.contact
-        low, high = map(number, target.range)
         radius, mass = (number(number_of(size)) for size in (contact.radius, contact.mass))
         others = "two balls" if target.on_wall else "a wall in place of a ball"
         this = SCENES.get(target.on_wall, "this pair")
@@ -136,19 +135,10 @@ class Export:
         lines = [
             f"{choice.label}, for {target.name}",
             "",
-            f"Impacts of {low} to {high} m/s: ε within {number(choice.total, 2)} of the requested "
-            f"{_ends(target.restitution)},",
-            f"at time steps of {number(self.time_step, 3)} s, {choice.steps.count} in the shortest contact.",
+            *(f"{name}: {text}" for name, text in self._rows().items()),
             f"Effective radius {radius} m, effective mass {mass} kg.",
             of_sizes,
         ]
-        if choice.softening_factor != 1:
-            times = number(choice.softening_factor, 3)
-            lines.append(f"Softer: overlaps are {times} times the law's.")
-        if isinstance(choice.law, sj.RateIndependentLaw):
-            gain = f"An impact gains at most {number(choice.impacts.gain, 2)} of its energy"
-            none = "No history of loading and unloading gains energy."
-            lines.append(f"{gain} (just above yield)." if choice.impacts.gain else none)
         return tuple(map(_harmless, (*lines, *self.warnings)))
 
     def to_dict(self) -> dict[str, Any]:
@@ -196,7 +186,7 @@ class Export:
             "versions": {"softjax-contact": version_of("softjax-contact")},
         }
 
-    def __str__(self) -> str:
+    def _rows(self) -> dict[str, str]:
         choice, steps = self.choice, self.choice.steps
         low, high = self.target.range
         shortest, longest = (number(1e6 * t, 3) for t in (min(self.duration), max(self.duration)))
@@ -221,6 +211,10 @@ class Export:
             rows["softer"] = f"overlaps and time step {times} times, forces 1/{times}"
         if choice.impacts.gain:
             rows["energy gain"] = f"{number(choice.impacts.gain, 2)} of the impact's energy at most"
+        return rows
+
+    def __str__(self) -> str:
+        rows = self._rows()
         width = max(map(len, rows))
         lines = [f"{self.target.name} for {self.to}"]
         lines += [f"  {name:<{width}}  {text}" for name, text in rows.items()]
@@ -265,5 +259,5 @@ def _ends(values: np.ndarray) -> str:
 
 def _harmless(note: str) -> str:
     """One line of ASCII that ends no comment: of C by its marks, of LAMMPS by three quotes."""
-    text = printable(note).replace("ε", "eps").encode("ascii", "replace").decode()
+    text = printable(note).replace("ε", "eps").replace("µ", "u").encode("ascii", "replace").decode()
     return text.replace("*/", "* /").replace("/*", "/ *").replace('"', "'")
