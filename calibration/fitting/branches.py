@@ -33,7 +33,7 @@ class Branches(NamedTuple):
     elastic: Bool[np.ndarray, "fits points"]  # which points are below yield
     z: Z  # a start there, and later the place of the lowest cost
     cost: Float[np.ndarray, "fits"]  # half the sum of squares there
-    limits: Int[np.ndarray, "fits p"]  # of the active elements, see `Found`
+    limits: Int[np.ndarray, "fits p"]  # of the active elements, see `Ends`
 
     def some(self, which) -> "Branches":
         return Branches(*(part[which] for part in self))

@@ -201,7 +201,7 @@ def _build(contact, values, model: LawModel, area: str, free):
         law = model.law(pair, values | some)
         return [jnp.asarray(leaf, float) for leaf in jax.tree.leaves(law)]
 
-    def one(contact, values):
+    def at_row(contact, values):
         some = {name: values[name] for name in free}
         if not free:
             return leaves_of(some, contact, values), []
@@ -209,7 +209,7 @@ def _build(contact, values, model: LawModel, area: str, free):
         stacked = [jnp.stack([leaf[name] for name in free], -1) for leaf in slopes]
         return leaves_of(some, contact, values), stacked
 
-    return jax.vmap(one)(contact, values)
+    return jax.vmap(at_row)(contact, values)
 
 
 def expand(

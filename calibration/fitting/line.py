@@ -416,7 +416,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     )
     sets = enumerate(joint.component.specs)
     chi = {s.data.name: derived_of(joint, g, request.options.confidence)["chi"] for g, s in sets}
-    line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.found.converged[0]))
+    line = Line(c1, c2, _rms(joint, joint.z), chi, through, bool(joint.final.ends.converged[0]))
     places = [names.index(name) for name in LINE]
     slope = joint.slope[places]
     covariance = joint.uncertainty.covariance[np.ix_(places, places)] * np.outer(slope, slope)

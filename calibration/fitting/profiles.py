@@ -293,7 +293,7 @@ def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
     """Profiles where ε jumps at yield: the lowest Δχ² of all branches that come near the best."""
     (stage,), branches = fit.stages[:1], fit.stages[0].branches
     assert branches is not None
-    cost = float(stage.found.cost[0])
+    cost = float(stage.ends.cost[0])
     near = np.max(task.quantiles, initial=0.0) ** 2 * task.variance
     tables = [profiles(task._replace(lowest=2 * cost))]
     is_starting_branch = np.all(branches.elastic == stage.problem.elastic, axis=1)
@@ -309,7 +309,7 @@ def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
 def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
     """Parameters of a fit to be profiled; None if there are none."""
     stage = fit.stages[0]
-    if not stage.found.converged[0] or not len(stage.problem.active):
+    if not stage.ends.converged[0] or not len(stage.problem.active):
         return None
     problem, known = stage.problem, fit.uncertainty
     variance = _variance(fit)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.problem import AT_ONCE, Lanes, Linear, Problem
-from calibration.fitting.search import Found, search
+from calibration.fitting.search import Ends, search
 from calibration.fitting.stages import ComponentFit, along_valley
 from calibration.fitting.variances import (
     estimated,
@@ -24,7 +24,7 @@ ROUNDS = 12  # in which a refit and its variances settle
 SETTLED = 1e-6  # change of z from round to round
 
 
-def _refitted(fit: ComponentFit, again: Callable[[Problem, Any], Found], count: int = 1):
+def _refitted(fit: ComponentFit, again: Callable[[Problem, Any], Ends], count: int = 1):
     """Refits through all stages from the fit: z of each, and which arrived."""
     z, converged = np.repeat(fit.z[None], count, axis=0), np.ones(count, bool)
     for stage in fit.stages:
@@ -33,7 +33,7 @@ def _refitted(fit: ComponentFit, again: Callable[[Problem, Any], Found], count: 
     return z, converged
 
 
-def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Found:
+def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Ends:
     """Searches from z, each with the variances of its own residuals."""
     end = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
     if not needs_variances(problem) or not any(errors.unknown for errors in problem.errors):
@@ -107,7 +107,7 @@ def _centres(fit: ComponentFit, random, count: int) -> Float[np.ndarray, "fits e
     return centre
 
 
-def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Found:
+def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Ends:
     """Fits to simulated data; where velocities have errors the lowest of each one's minima near there."""
     first, fits = with_own_noise(problem, z, lanes, begun), len(z)
     if not problem.moves or needs_variances(problem) or not len(problem.active):
@@ -116,7 +116,7 @@ def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Found:
     twice, begun = lanes.some(np.tile(np.arange(fits), 2)), np.tile(begun, (2, 1))
     more = search(problem, starts, begun=begun, lanes=twice, limit=STEPS)
     parts: list[Any] = [np.concatenate(pair) for pair in zip(first[:-1], more[:-1], strict=True)]
-    both = Found._make([*parts, first.evaluations + more.evaluations])
+    both = Ends._make([*parts, first.evaluations + more.evaluations])
     cost = np.where(both.converged, both.cost, np.inf).reshape(3, fits)
     return both.some(np.argmin(cost, axis=0) * fits + np.arange(fits))
 
@@ -250,7 +250,7 @@ def _without_points(fit: ComponentFit, fold: np.ndarray):
     folds, problem = int(np.max(fold)) + 1, fit.final.problem
     kept = (fold != np.arange(folds)[:, None]).astype(float)
 
-    def again(problem: Problem, z) -> Found:
+    def again(problem: Problem, z) -> Ends:
         lanes = Lanes(copies=kept * problem.points.copies)
         begun = np.broadcast_to(fit.begun, z.shape)
         return search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
@@ -316,7 +316,7 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray):
     for number in range(int(np.max(fold)) + 1):
         rows = fold == number
 
-        def again(problem: Problem, z, others=~rows) -> Found:
+        def again(problem: Problem, z, others=~rows) -> Ends:
             return search(problem.kept(others), z, begun=fit.begun[None], limit=STEPS)
 
         z, converged = _refitted(fit, again)

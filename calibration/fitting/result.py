@@ -484,7 +484,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
     if line is not None and line[1] is not None:
         stage = replace(line[1], report=replace(line[1].report, stage="Eq. (18)"))
         stages.append(stage)
-        if not stage.found.converged[0]:
+        if not stage.ends.converged[0]:
             found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
     found_warnings.sort(key=lambda w: w.code != "plausibility")  # whose numbers are all wrong
     condition = max(float(fit.uncertainty.condition_number) for fit in fits)

@@ -51,7 +51,7 @@ OPTIMISERS = {
 }
 
 
-class Found(NamedTuple):
+class Ends(NamedTuple):
     """End points of searches, each array with a leading axis of fits."""
 
     z: Float[np.ndarray, "fits elements"]  # all elements
@@ -67,10 +67,10 @@ class Found(NamedTuple):
     iterations: Int[np.ndarray, "fits"]  # steps taken
     evaluations: int  # sets of residuals with their Jacobian, of all fits together
 
-    def some(self, which: Any) -> "Found":
+    def some(self, which: Any) -> "Ends":
         """Some of the searches side by side."""
         parts: list[Any] = [a[which] for a in self[:-1]]
-        return Found._make([*parts, self.evaluations])
+        return Ends._make([*parts, self.evaluations])
 
 
 class _Search:
@@ -297,8 +297,8 @@ class _Search:
     def _stop(self, fits, reason: str) -> None:
         self.reason[fits & self.going] = reason
 
-    def result(self) -> Found:
-        return Found(
+    def result(self) -> Ends:
+        return Ends(
             z=self.z,
             cost=self.at.cost,
             gradient_norm=np.linalg.norm(self.at.gradient, axis=1),
@@ -329,7 +329,7 @@ def search(
     lanes: Lanes | None = None,
     limit: int = MOST,
     releases: int = RELEASES,
-) -> Found:
+) -> Ends:
     """Minimise from each z.
 
     Args:
@@ -363,7 +363,7 @@ def guided_search(
     *,
     lanes: Lanes | None = None,
     limit: int = MOST,
-) -> Found:
+) -> Ends:
     """A search with ε continued to where nothing rebounds, which leads back from there.
 
     Where some points do not rebound the law's own ε is then searched, from the ends and from the

@@ -22,7 +22,7 @@ from calibration.fitting.search import (
     LARGEST_STEP,
     MOST,
     OPTIMISERS,
-    Found,
+    Ends,
     guided_search,
     search,
 )
@@ -164,8 +164,8 @@ class StageFit:
 
     problem: Problem  # with the variances and branches that it settled on
     z: np.ndarray  # of the whole component
-    found: Found  # the search that ended there, of one fit
-    others: tuple[Found, ...]  # where the other starts ended
+    ends: Ends  # the search that ended there, of one fit
+    others: tuple[Ends, ...]  # where the other starts ended
     report: Stage  # what it took
     crossings: int  # how many points changed branch on the way
     seconds: float  # how long
@@ -176,7 +176,7 @@ class StageFit:
     @property
     def limits(self) -> np.ndarray:
         """+1 or -1 for active elements that are fixed at an end of their range, else 0."""
-        return self.found.limits[0]
+        return self.ends.limits[0]
 
 
 def run_stage(
@@ -271,26 +271,26 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
     return np.where(transform.kind == NONE, inside, places)
 
 
-def _as_starts(problem: Problem, end: Found) -> Places:
+def _as_starts(problem: Problem, end: Ends) -> Places:
     """The ends of searches as starts; parameters at an end of their range start again from where they began."""
     z, active = np.array(end.z), problem.active
     z[:, active] = np.where(end.limits != 0, end.begun[:, active], z[:, active])
     return z
 
 
-def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Found]:
+def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Ends]:
     """End points of searches from each start, as one batch; the best first."""
     return _apart_by_rank(guided_search(problem, starts, optimiser, limit=limit))
 
 
-def _apart_by_rank(all_ends: Found) -> list[Found]:
+def _apart_by_rank(all_ends: Ends) -> list[Ends]:
     """Searches side by side one by one, the best first; what all took is counted with one of them."""
     ends = [all_ends.some(slice(k, k + 1)) for k in range(len(all_ends.z))]
     counted = [end._replace(evaluations=0) for end in ends[1:]]
     return sorted([ends[0], *counted], key=_rank)
 
 
-def _of_all(problem: Problem, end: Found, options: FitOptions) -> Found:
+def _of_all(problem: Problem, end: Ends, options: FitOptions) -> Ends:
     """Where all points have the minimum that neighbourhoods have at the end of a search."""
     evaluations, limit, optimiser = end.evaluations, options.max_steps, options.optimiser
     for _ in range(CLOSER):
@@ -301,7 +301,7 @@ def _of_all(problem: Problem, end: Found, options: FitOptions) -> Found:
     return end._replace(evaluations=evaluations + end.evaluations)
 
 
-def _from_more_starts(problem: Problem, z, ends: list[Found], options: FitOptions):
+def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions):
     """Search from more starts while the best one misses the points; return the best and other minima.
 
     Also whether the best still misses them, and one search alone has found it.
@@ -327,20 +327,20 @@ def _from_more_starts(problem: Problem, z, ends: list[Found], options: FitOption
     return _minima(ends), alone
 
 
-def _minima(ends: list[Found]) -> list[Found]:
+def _minima(ends: list[Ends]) -> list[Ends]:
     """One end of each cost."""
-    minima: list[Found] = []
+    minima: list[Ends] = []
     for end in ends:
         if not any(_as_low(end, minimum) for minimum in minima):
             minima.append(end)
     return minima[: REFINED + 1]
 
 
-def _as_low(first: Found, second: Found) -> bool:
+def _as_low(first: Ends, second: Ends) -> bool:
     return abs(first.cost[0] - second.cost[0]) <= AS_LOW * second.cost[0] + 1e-300
 
 
-def _misses(problem: Problem, end: Found) -> bool:
+def _misses(problem: Problem, end: Ends) -> bool:
     """Whether noise does not explain how far points are off: by its size, else by runs of one sign."""
     residual = problem.linearise(end.z, slopes=False).residual[0]
     left = len(residual) - len(problem.active)
@@ -352,7 +352,7 @@ def _misses(problem: Problem, end: Found) -> bool:
     return any(runs(problem.points.velocity[span], off[span]) for span in problem.spans)
 
 
-def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Found], Branches]:
+def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Ends], Branches]:
     """Searches where the cost jumps, and the branches around the best."""
     branched = [(z, *by_branches(problem, z)) for z in starts]
     branched.sort(key=lambda entry: float(f"{entry[1].cost[0]:.6g}"))
@@ -365,13 +365,13 @@ def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list
     return sorted(ends, key=_rank), branched[0][2]
 
 
-def _rank(end: Found) -> tuple[float, bool]:
+def _rank(end: Ends) -> tuple[float, bool]:
     """The lowest cost first; of those as low, one that converged."""
     cost = float(end.cost[0])
     return (float(f"{cost:.6g}"), not end.converged[0])
 
 
-def _in_units(problem: Problem, end: Found) -> tuple[Problem, Found]:
+def _in_units(problem: Problem, end: Ends) -> tuple[Problem, Ends]:
     """Problem and search in units of the noise, which was weighed against nothing."""
     problem = renewed(problem, end.z[0])
     if len(problem.errors) > 1:  # each set weighs as it did
@@ -382,7 +382,7 @@ def _in_units(problem: Problem, end: Found) -> tuple[Problem, Found]:
     return problem, end._replace(cost=scale * end.cost, gradient_norm=norm)
 
 
-def _lowest(problem: Problem, ends: list[Found], options: FitOptions):
+def _lowest(problem: Problem, ends: list[Ends], options: FitOptions):
     """Each minimum with its own variances settled: the one of the highest likelihood, the others,
     the problem there, and the evaluations."""
     settled = [settle(held_at(problem, end.z[0]), end, options) for end in ends]
@@ -394,7 +394,7 @@ def _lowest(problem: Problem, ends: list[Found], options: FitOptions):
     return end, others, problem, evaluations
 
 
-def _minus_two_log(problem: Problem, end: Found) -> float:
+def _minus_two_log(problem: Problem, end: Ends) -> float:
     """-2 ln p(data | θ, s) p(θ) where a search ended."""
     linear = problem.linearise(end.z, slopes=False)
     priors = linear.residual[:, problem.count : linear.residual.shape[1] - problem.more]
@@ -402,7 +402,7 @@ def _minus_two_log(problem: Problem, end: Found) -> float:
     return float(problem.deviance(end.z)[0] + np.sum(priors**2) + spreads)
 
 
-def settle(problem: Problem, end: Found, options: FitOptions, restricted: bool = True):
+def settle(problem: Problem, end: Ends, options: FitOptions, restricted: bool = True):
     """Search again until the variances are those of where the search ends: (found, problem, evaluations)."""
     evaluations = 0
     for _ in range(ROUNDS):
@@ -420,7 +420,7 @@ def settle(problem: Problem, end: Found, options: FitOptions, restricted: bool =
     return end, problem, evaluations
 
 
-def _report(name, problem: Problem, end: Found, options, starts, evaluations) -> Stage:
+def _report(name, problem: Problem, end: Ends, options, starts, evaluations) -> Stage:
     norm = float(end.gradient_norm[0])
     return Stage(
         stage=name,
@@ -497,7 +497,7 @@ class ComponentFit:
 
     @property
     def converged(self) -> bool:
-        return all(bool(stage.found.converged[0]) for stage in self.stages)
+        return all(bool(stage.ends.converged[0]) for stage in self.stages)
 
 
 def fitted(request: Request) -> list[ComponentFit]:
@@ -573,7 +573,7 @@ def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood |
     for fit in fits:
         if not fit.is_likelihood or fit.final.problem.pools:
             return None
-        problem, end = fit.final.problem, fit.final.found
+        problem, end = fit.final.problem, fit.final.ends
         if needs_variances(problem) and end.converged[0]:
             end, problem, _ = settle(problem, end, options, restricted=False)
         else:

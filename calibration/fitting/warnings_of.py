@@ -86,7 +86,7 @@ def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dic
         crossed = f"{stage.crossings} points changed between elastic and plastic on the way"
         lone = f"{name}: one search alone ended so low, and it misses the points"
         causes = {
-            "not-converged": "" if stage.found.converged[0] else f"{name}: {reason}",
+            "not-converged": "" if stage.ends.converged[0] else f"{name}: {reason}",
             "branch-change": crossed if stage.crossings else "",
             "several-minima": lone if stage.alone else "",
         }

@@ -212,13 +212,13 @@ def refine(
         _, moving, count = state
         return jnp.any(moving) & (count < most)
 
-    def one(state):
+    def advanced(state):
         x, moving, count = state
         new = step(x)
         still = moving & (jnp.abs(new - x) > settled * jnp.abs(new))
         return jnp.where(moving, new, x), still, count + 1
 
-    return lax.while_loop(unfinished, one, (start, moving, 0))[0]
+    return lax.while_loop(unfinished, advanced, (start, moving, 0))[0]
 
 
 def nearest_zero(f: Array, slope: Array, curvature: Array) -> Array:

@@ -129,7 +129,7 @@ def _chains(
         (state, tuned), _ = adaptation.run(keys[0], start, warmup)
         step = blackjax.nuts(log_density, **tuned).step
 
-        def one(state, key):
+        def drawn(state, key):
             state, info = step(key, state)
             statistics = {
                 "lp": state.logdensity,
@@ -142,7 +142,7 @@ def _chains(
             }
             return state, (state.position, statistics)
 
-        return jax.lax.scan(one, state, jax.random.split(keys[1], draws))[1]
+        return jax.lax.scan(drawn, state, jax.random.split(keys[1], draws))[1]
 
     keys = jax.random.split(jax.random.key(seed), (len(starts), 2))
     compiled = density.jitted(chain).lower(keys[0], starts[0]).compile()  # before the threads begin
