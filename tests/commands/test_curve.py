@@ -89,18 +89,15 @@ def test_a_grid_is_spaced_as_stated_and_has_both_ends(spacing, ends, expected, a
     assert (velocity[0], velocity[-1]) == ends
 
 
-def test_every_format_has_the_same_float64(at):
+def test_every_format_has_the_same_float64_and_statuses_are_written_by_name(at):
+    """Nylon with the printed χ̃ gains energy and keeps no overlap; below yield it is elastic."""
     words = ["nylon", "--from", 0.5, "--to", 20, "--points", 12, "--spacing", "log"]
     assert "χ̃ = 0.21998" in curve(*words, "--format", "csv", "png")
     out = at / "results"
     assert rows_of(out / "curve.csv")[0] == ["velocity [m/s]", "restitution", "status"]
     agrees(at, fitted("nylon"), rtol=1e-14)
     assert (out / "curve.png").read_bytes()[:4] == b"\x89PNG"
-
-
-def test_statuses_are_written_by_name(at):
-    """Nylon with the printed χ̃ gains energy and keeps no overlap; below yield it is elastic."""
-    words = ["--chi", 0.016, "--from", 0.5, "--to", 3, "--points", 2, "--format", "csv"]
+    words = ["--chi", 0.016, "--from", 0.5, "--to", 3, "--points", 2, "--format", "csv", "png"]
     curve("nylon", *words)
     assert [row[2] for row in rows_of(at / "results" / "curve.csv")[1:]] == [
         "ELASTIC",

@@ -174,7 +174,7 @@ SAID = {
 }
 
 
-def test_what_the_file_says_of_a_parameter_acts(tmp_path):
+def test_what_the_file_says_of_a_parameter_acts_and_what_materials_share_is_one(tmp_path):
     plain = in_python(WB).estimates["growth"]
     assert plain.value < 550
     for line, parameter in SAID.items():
@@ -191,9 +191,6 @@ def test_what_the_file_says_of_a_parameter_acts(tmp_path):
             middle = 0.5 * (found.low + found.high)
             assert middle == pytest.approx(found.value, rel=1e-9)
             assert 0.5 * (plain.low + plain.high) > 1.0001 * plain.value
-
-
-def test_what_materials_share_is_one_parameter(tmp_path):
     result = fitted(tmp_path, settings=WB, below="growth = { shared = true }", second=True)
     assert result.values["growth[my alloy]"] == result.values["growth[another]"]
     assert len(result.covariance_names) == 3

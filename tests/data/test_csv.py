@@ -56,7 +56,8 @@ def test_numbers_and_lines_of_a_file(read, text):
     assert any(" unit" in remark for remark in data.remarks) == noted
 
 
-def test_labels_and_lines_of_rows_that_were_not_measured(read):
+def test_labels_and_lines_of_rows_that_were_not_measured_and_what_windows_saves(read):
+    """German Excel's own: Windows-1252, semicolons, decimal commas."""
     text = "v,e,specimen\n1,0.9,a\n2,,a\n# pause\n3,0.7,b\n"
     assert read(text).groups == ("a", "b")
     with pytest.raises(cal.InputError, match=r"a\.csv:6: .*velocity.*-3"):
@@ -66,10 +67,6 @@ def test_labels_and_lines_of_rows_that_were_not_measured(read):
             with pytest.raises(ValueError, match="it must be a finite number") as caught:
                 read(f"{header}\n{missing},{missing}\n1,0.9\n2,0.8\n")
             assert f"a.csv:2: velocity is '{missing}'" in str(caught.value)
-
-
-def test_what_windows_saves_is_read_and_told(read):
-    """German Excel's own: Windows-1252, semicolons, decimal commas."""
     data = read("v [m/s];e;Prüfling\n0,12;0,95;µ1\n", "cp1252")
     assert (data.velocity[0], data.restitution[0]) == (0.12, 0.95)
     assert any("Windows-1252" in remark for remark in data.remarks)

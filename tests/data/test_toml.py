@@ -53,7 +53,8 @@ def test_contacts(lines, read_toml):
     assert [body.radius for body in data.bodies] == [r and pytest.approx(r) for r in radii]
 
 
-def test_named_materials_are_those_of_the_paper(read_toml):
+def test_named_materials_limit_velocities_areas_and_entries_without_bodies(read_toml):
+    """A limit in the file stands; an area is a material's own, else that of [fit]."""
     wall = '[[material]]\ndata = "m.csv"\nmaterial = "Chrome-Steel"\nradius = 0.01\n[material.wall]\n'  # fmt: skip
     (data,) = read_toml(wall + 'material = "nylon"\n')
     assert data.contact == sj.Contact.with_wall(sj.CHROME_STEEL, sj.NYLON, 0.01)
@@ -61,10 +62,6 @@ def test_named_materials_are_those_of_the_paper(read_toml):
         assert any(name in remark and "Table 1" in remark for remark in data.remarks)
     (same,) = read_toml(entry("radius = 0.01", "[material.second]", 'material = "stainless steel"'))
     assert same.contact == read_toml(entry("radius = 0.01"))[0].contact
-
-
-def test_limit_velocities_areas_and_entries_without_bodies(read_toml):
-    """A limit in the file stands; an area is a material's own, else that of [fit]."""
     toml = '[fit]\narea = "hertz"\n' + entry("radius = 0.01", 'limit_velocity = "200 m/s"', 'name = "a"')  # fmt: skip
     toml += entry("radius = 0.01", 'area = "zhou"', 'name = "b"')
     toml += entry('name = "c"', "limit_velocity = 50.0", properties="")

@@ -193,8 +193,8 @@ def test_where_nothing_keeps_the_tolerance_the_best_is_named(options, tmp_path):
         cal.export(STEEL, code, tmp_path / "out", tolerance=0.9 * needed, **settings)
 
 
-def test_export_json_has_all_numbers(exported):
-    """Their relations: sums, ranges, ½ k δ² = ½ M v² of the fastest, ε of the law rebuilt."""
+def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
+    """Their relations: sums, ranges, ½ k δ² = ½ M v² of the fastest, ε of the law rebuilt; Hertz's largest overlap."""
     export, folder = exported(tolerance=0.02)
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     assert (report["to"], report["law"]) == ("c", "walton-braun")
@@ -226,6 +226,16 @@ def test_export_json_has_all_numbers(exported):
     assert f"largest overlap    {100 * report['largest_overlap_over_radius']:.2g} % of" in text
     micro = f"{1e6 * duration['shortest']:.3g} to {1e6 * duration['longest']:.3g} µs"
     assert f"contact            {micro}" in text
+    peak = (1.25 * MASS * 25 / float(PAIR.stiffness)) ** 0.4
+    for share, count in ((0.0999, 0), (0.1001, 1)):
+        made, _ = exported(sj.Hertz(PAIR), radius=peak / share, tolerance=0.5)
+        assert made.overlap == pytest.approx(share, rel=1e-6)
+        warning = "Overlaps reach 10 % of the radius: contact laws are for small ones."
+        assert made.warnings.count(warning) == count
+    steel, _ = exported(tolerance=3e-4)
+    slow, with_hold = steel.warnings
+    assert slow.startswith("Slower impacts lose nearly nothing (ε is 0.98")
+    assert with_hold.startswith("With --below hold ε is held at 0.9")
 
 
 def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_path):
@@ -254,17 +264,3 @@ def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_pa
     x, y = band.get_paths()[0].vertices.T
     width = np.ptp(y[np.isclose(x, velocity[30])])
     assert width == pytest.approx(2 * export.choice.steps.error, rel=1e-6)
-
-
-def test_deep_overlaps_are_warned_of(exported):
-    """Over 10 % of the radius; Hertz's largest overlap by hand."""
-    peak = (1.25 * MASS * 25 / float(PAIR.stiffness)) ** 0.4
-    for share, count in ((0.0999, 0), (0.1001, 1)):
-        made, _ = exported(sj.Hertz(PAIR), radius=peak / share, tolerance=0.5)
-        assert made.overlap == pytest.approx(share, rel=1e-6)
-        warning = "Overlaps reach 10 % of the radius: contact laws are for small ones."
-        assert made.warnings.count(warning) == count
-    steel, _ = exported(tolerance=3e-4)
-    slow, with_hold = steel.warnings
-    assert slow.startswith("Slower impacts lose nearly nothing (ε is 0.98")
-    assert with_hold.startswith("With --below hold ε is held at 0.9")

@@ -86,13 +86,21 @@ def test_a_fit_is_exported_material_by_material(at, fit_file):
         assert all(one.replace("ε", "eps") in shown.replace("ε", "eps") for one in expected)
 
 
-def test_a_file_of_materials_with_given_parameters(at):
+def test_given_parameters_another_law_and_names_of_a_header(at):
     Path("alloy.toml").write_text(BODIES, encoding="utf-8")
     options = "--to lammps --range 2:9 --export-law viscoelastic --tolerance 0.05 --quiet"
     export("alloy.toml", *NYLON, *options.split())
     made = report()
     assert (made["material"], made["law"]) == ("alloy", "viscoelastic")
     assert [made["requested"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
+    options = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--prefix", "steel")
+    export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2")
+    made = report(name="export_steel")
+    assert made["requested"]["law"] == "HertzDashpot"
+    assert made["error_of_law"] < 1e-6
+    np.testing.assert_allclose(made["curve"]["requested"], 0.8)
+    assert "steel_force(" in text("steel_law.h")
+    assert "softjax" not in text("steel_law.h").lower()
 
 
 NAMES = (
@@ -158,17 +166,6 @@ def test_a_wall_of_the_file_makes_its_line_act(at):
     )
     assert "\npair_" not in wall  # included after lines for balls it leaves them as they are
     assert [report(name)["bodies"] for name in bodies] == ["two balls", "a ball on a flat wall"]
-
-
-def test_another_law_and_names_of_a_header(at):
-    options = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--prefix", "steel")
-    export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2")
-    made = report(name="export_steel")
-    assert made["requested"]["law"] == "HertzDashpot"
-    assert made["error_of_law"] < 1e-6
-    np.testing.assert_allclose(made["curve"]["requested"], 0.8)
-    assert "steel_force(" in text("steel_law.h")
-    assert "softjax" not in text("steel_law.h").lower()
 
 
 @needs_compiler

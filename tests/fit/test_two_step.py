@@ -42,8 +42,8 @@ def test_values_are_those_of_table_1_and_of_independent_least_squares(result, na
     assert result.rms_empirical[name] < 1e-12
 
 
-def test_the_line_of_eq_18_and_its_larger_residuals(result):
-    """Through all curves, not through the χ̃; and as parameters of a user's law, c1 and c2."""
+def test_the_line_of_eq_18_has_larger_residuals_and_is_found_by_levenberg_and_marquardt_too(result):
+    """Through all curves, not through the χ̃; and with c1 and c2 as parameters."""
     line = result.unloading_line
     alone = cal.fit(cal.paper_materials(), None, {"c1": Free(), "c2": Free()}, **QUICK)
     for c1, c2 in ((line.c1.value, line.c2.value), (alone.values["c1"], alone.values["c2"])):
@@ -57,10 +57,6 @@ def test_the_line_of_eq_18_and_its_larger_residuals(result):
         assert alone.values[f"chi[{name}]"] == pytest.approx(found, rel=1e-9)
         assert float(np.asarray(alone.law[name].chi)) == pytest.approx(found, rel=1e-9)
     assert line.through_chi["c2"].value != pytest.approx(line.c2.value, rel=1e-2)
-
-
-def test_levenberg_marquardt_through_the_energy_balance_agrees(result):
-    """The main job goes by the ODE and L-BFGS."""
     other = cal.fit(cal.paper_materials(), **QUICK)
     for name, value in result.values.items():
         assert other.values[name] == pytest.approx(value, rel=1e-7)
