@@ -13,6 +13,7 @@ import logging
 import os
 import platform
 import re
+import shlex
 import sys
 import traceback
 import warnings
@@ -150,7 +151,12 @@ def _parsed(argv: Sequence[str]):
     _add_common_options(parser)
     parsed = vars(parser.parse_args(before.rest))
     common = {key: value for key, value in vars(before).items() if key in COMMON}
-    return before.command, command, argparse.Namespace(**(COMMON | common | parsed))
+    as_typed = printable(shlex.join(["softjax", *argv]))
+    return (
+        before.command,
+        command,
+        argparse.Namespace(**(COMMON | common | parsed), as_typed=as_typed),
+    )
 
 
 def _parser(name: str, description: str | None, epilog: str, usage: str | None = None) -> Parser:

@@ -39,7 +39,6 @@ LAWS = (
 KINDS_OF_LAW = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
 ROUTES = {"ode": "ODE", "energy balance": "EnergyBalance", "closed form": "ClosedForm"}
 OBJECTIVES = ("model", "two-step")
-FORMER = {"empirical": "eq-17", "constant": "constant"}  # objectives that are laws now
 DOF = (2.0, 30.0, "a number in [2, 30]")  # of Student's t
 # options of a law, and the laws that have them
 LAW_OPTIONS = {"form": ("zhou",), "kappa": ("zhou",), "end": ("hertz-dashpot", "linear")}
@@ -60,12 +59,6 @@ def checked_law(law: Any) -> Any:
     if isinstance(law, str):
         raise DataError("law", law, f"one of {listed(LAWS)}{did_you_mean(law, LAWS)}")
     raise DataError("law", law, KINDS_OF_LAW)
-
-
-def _check_objective(objective: Any) -> Any:
-    if isinstance(objective, str) and objective in FORMER:
-        raise DataError("objective", objective, f'"model" with law = "{FORMER[objective]}"')
-    return objective
 
 
 def _check_route(route: Any) -> Any:
@@ -108,7 +101,7 @@ Law = Annotated[Any, BeforeValidator(checked_law), _names(LAWS)]
 Dof = Annotated[
     Any, BeforeValidator(_check_dof), WithJsonSchema({"accepted": f'{DOF[2]}, or "estimate"'})
 ]
-Objective = Annotated[Literal["model", "two-step"] | None, BeforeValidator(_check_objective)]
+Objective = Literal["model", "two-step"] | None
 Route = Annotated[
     Any,
     BeforeValidator(_check_route),

@@ -8,15 +8,14 @@ profiles.png and correlation.png.
 """
 
 import argparse
-import shlex
 import sys
 from collections.abc import Mapping
 from typing import Any
 
 from calibration.commands.source_options import read_material_file
 from calibration.console import Progress, print_first
-from calibration.errors import DataError, InputError, printable
-from calibration.options import add_options, flag, given_options, merged
+from calibration.errors import DataError, InputError
+from calibration.options import add_options, given_options, merged
 from calibration.output import check_writable, or_printed
 
 INTRO = (
@@ -56,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         intro = INTRO if of_paper else ""
         text = result.to_json() if arguments.json else terminal_report(result, intro, **more)
         shown = [text] if arguments.json or not arguments.quiet else []
-        more |= {"command": _command(arguments, options), "progress": progress}
+        more |= {"command": arguments.as_typed, "progress": progress}
         with or_printed(shown):
             write_report(result, arguments.out, **more)
     if arguments.json:
@@ -97,16 +96,6 @@ def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress:
         if problem is not None and argument in stated.keys() - options.keys():
             raise error.at(arguments.file, problem.line(argument)) from error  # type: ignore[union-attr]
         raise InputError(arguments.file, None, str(error), "nothing was fitted") from error
-
-
-def _command(arguments: argparse.Namespace, options: Mapping[str, Any]) -> str:
-    """The command that makes the same results again."""
-    parts = ["softjax", "fit", *([arguments.file] if arguments.file else [])]
-    for name, value in options.items():
-        parts += [flag(name), *([] if isinstance(value, bool) else [str(value).replace(" ", "-")])]
-    if arguments.posterior is not None:
-        parts += ["--posterior", str(arguments.posterior)]
-    return printable(shlex.join([*parts, "--out", str(arguments.out)]))
 
 
 def _draws(text: str) -> int:

@@ -71,13 +71,9 @@ def choose(target: Target, to: str) -> tuple[Choice, list[Choice]]:
         if tried[-1].total <= target.options.tolerance:
             return tried[-1], tried
     best = min(tried, key=lambda choice: (choice.total, choice.error))
-    least_tolerance, reached = best.error / (1 - ROOM), f"{best.error:.3g} off without steps"
-    if best.steps.count:
-        least_tolerance, reached = best.total, f"{best.total:.3g} off at {best.steps.count} steps"
-    place = 10.0 ** (np.floor(np.log10(least_tolerance)) - 1)  # of two digits, rounded up
-    problem = f"no law meets the tolerance {target.options.tolerance:g}: the best, {best.label}, is {reached}"
-    rounded = np.ceil(least_tolerance / place) * place
-    raise InputError(None, None, problem, f"try --tolerance {rounded:.3g}")
+    needed = best.total if best.steps.count else best.error / (1 - ROOM)
+    problem = f"no law meets the tolerance {target.options.tolerance:g}: the best is {best.label}"
+    raise InputError(None, None, problem, f"try --tolerance {1.01 * needed:.3g}")
 
 
 def _keys(target: Target, to: str) -> list[str]:

@@ -56,7 +56,7 @@ def test_nothing_reaches_the_terminal_but_letters_and_the_line_of_the_report_is_
     for shown in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"):
         assert shown in out
     folder, _, report, _ = hostile
-    line = next(line for line in report.splitlines() if "softjax fit " in line)
+    line = next(line for line in report.splitlines() if " fit " in line and "softjax " in line)
     command = re.search(r"(`+) ?(.*?) ?\1(?!`)", line)[2]
     printed = subprocess.run(
         ["bash", "-c", f"printf '%s\\0' {command}"], capture_output=True, check=True
