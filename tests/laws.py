@@ -7,6 +7,7 @@ is a row here and a formula in `oracles.laws_mp`.
 from collections.abc import Callable
 from dataclasses import fields
 from functools import lru_cache, partial
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import jax
@@ -122,7 +123,7 @@ for _end in ("zero-overlap", "zero-force"):
     for _name, _row in zip(("linear dashpot", "hertz dashpot"), _dashpots(_end), strict=True):
         LAWS[f"{_name} to {_end}"] = _row
 WITH_FORCE = [name for name, case in LAWS.items() if not isinstance(case.law, sj.HardSphereLaw)]
-SIZE = 96  # impacts of a batch
+SIZE, SMALL = 96, 16  # impacts of a batch
 SYMBOLS = {  # of Zhou's law and the velocity, as the reference collisions call them
     "chi": "chi",
     "limit_velocity": "v_lim",
@@ -223,6 +224,15 @@ def _graded(law, values: dict, route, by, names):
     if route or (isinstance(law, sj.Zhou) and law.form == "first-order"):
         slopes.append(jax.lax.map(forward, jnp.arange(len(values))))
     return found, result, slopes
+
+
+def in_small_batches(names, of, *columns) -> SimpleNamespace:
+    """Quantities of the results `of` so many impacts, which compile sooner than large batches."""
+    size = -(-len(columns[0]) // SMALL) * SMALL
+    rows = (np.split(np.resize(x, size), size // SMALL) for x in columns)
+    hits = [of(*row) for row in zip(*rows, strict=True)]
+    found = {n: np.concatenate([getattr(one, n) for one in hits]) for n in names}
+    return SimpleNamespace(**{n: x[: len(columns[0])] for n, x in found.items()})
 
 
 def of_records(records: list[dict], dtype=np.float64) -> dict:

@@ -1,7 +1,6 @@
 """Laws by their forces alone: solved by hand, drawn at random, pulling and jumping, by both routes."""
 
 from functools import lru_cache
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +26,7 @@ from tests.physics.by_forces import (
 
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
 over_routes = pytest.mark.parametrize("route", ROUTES)
-SIZE, SMALL, DRAWN = 1000, 16, 200  # of batches: one program a route serves all
+SIZE, DRAWN = 1000, 200  # of batches: one program serves all
 HAND = by_forces.by_hand()
 FIELDS, VELOCITY = by_forces.draw(seed=0, count=DRAWN)
 QUANTITIES = ("plastic_coefficient", "status", *laws.QUANTITIES)
@@ -59,16 +58,8 @@ def graded(fields: Columns, velocity, remains=False):
 
 def solved(fields: Columns, velocity, route="energy"):
     """The result, and its durations by the ODE."""
-    count = len(velocity)
-    size = -(-count // SMALL) * SMALL
-    rows = (np.split(np.resize(x, size), size // SMALL) for x in (*fields, velocity))
-    hits = [
-        sj.restitution(Forces(STEEL, *row), v, ROUTES[route]) for *row, v in zip(*rows, strict=True)
-    ]
-    names = QUANTITIES[: 5 + (route == "ode")]
-    return SimpleNamespace(
-        **{n: np.concatenate([getattr(one, n) for one in hits])[:count] for n in names}
-    )
+    of = lambda *row: sj.restitution(Forces(STEEL, *row[:-1]), row[-1], ROUTES[route])  # noqa: E731
+    return laws.in_small_batches(QUANTITIES[: 5 + (route == "ode")], of, *fields, velocity)
 
 
 def off(result, exact):

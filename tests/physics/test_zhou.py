@@ -11,6 +11,7 @@ import pytest
 import softjax as sj
 from tests import cases
 from tests.cases import EPS, FORMS, column, fitted, flags_of, law_with, of_form
+from tests.laws import QUANTITIES, in_small_batches
 from tests.oracles import zhou_mp
 
 NUMBERS = zhou_mp.NUMBERS
@@ -34,7 +35,13 @@ def test_over_the_boxes(form, route):
     assert len(records) == BATCH
     d, X, y = (column(records, name) for name in ("d", "X", "y"))
     law = law_with(d, X, form)
-    result = sj.restitution(law, y * law.contact.critical_velocity, route)
+    velocity = y * law.contact.critical_velocity
+    if route == BY_TIME:
+        of = lambda d, X, v: sj.restitution(law_with(d, X, form), v, route)  # noqa: E731
+        names = ("plastic_coefficient", "status", *QUANTITIES)
+        result = in_small_batches(names, of, d, X, velocity)
+    else:
+        result = sj.restitution(law, velocity, route)
     error = np.abs(np.square(result.plastic_coefficient) - column(records, "eps_p_squared"))
     if route == BY_TIME:
         assert np.max(error) <= 1e-11
