@@ -25,7 +25,7 @@ def without_drawing():
         yield
 
 
-def told_by(*options: str) -> dict:
+def saved(*options: str) -> dict:
     """What sensitivity.json says after the command."""
     assert main(["sensitivity", *options]) == 0
     return json.loads(Path("results/sensitivity.json").read_text(encoding="utf-8"))
@@ -35,17 +35,17 @@ def files() -> set[str]:
     return {path.name for path in Path("results").iterdir()}
 
 
-def test_parameters_are_freed_and_fixed_as_asked(at):
+def test_parameters_are_freed_and_fixed_as_requested(at):
     options = ("nylon", "--study", "information", "--from", "0.2")
-    known = told_by(*options, "--free", "yield_strength=4e5", "--fix", "psi")["information"]
+    known = saved(*options, "--free", "yield_strength=4e5", "--fix", "psi")["information"]
     assert set(known["standard_errors"]) == {"chi", "sigma", "contact.yield_strength"}
     assert known["standard_errors"]["contact.yield_strength"] < 4e5
-    open_ = told_by(*options, "--free", "yield_strength", "--fix", "psi")["information"]
+    open_ = saved(*options, "--free", "yield_strength", "--fix", "psi")["information"]
     assert open_["standard_errors"]["contact.yield_strength"] > 4e5
 
 
 def test_the_design_follows_its_options(at, capsys):
-    plain = told_by(*DESIGN)["design"]
+    plain = saved(*DESIGN)["design"]
     assert files() == {"sensitivity.json", "design.png", "design.csv"}
     assert "Best shots: " in capsys.readouterr().out
     assert sum(place["shots"] for place in plain["support"]) == 6
@@ -66,9 +66,9 @@ def test_the_design_follows_its_options(at, capsys):
         ),
     }
     for options, holds in changed.items():
-        assert holds(told_by(*DESIGN, *options)["design"]), options
-    slow = told_by(*DESIGN, "--criterion", "I", "--over", "2:4")["design"]
-    fast = told_by(*DESIGN, "--criterion", "I", "--over", "40:60")["design"]
+        assert holds(saved(*DESIGN, *options)["design"]), options
+    slow = saved(*DESIGN, "--criterion", "I", "--over", "2:4")["design"]
+    fast = saved(*DESIGN, "--criterion", "I", "--over", "40:60")["design"]
     assert np.mean(slow["velocity"]) < np.mean(fast["velocity"])
 
 
@@ -85,7 +85,7 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
     data = cal.FitResult.load("fitted/fit.json").materials[0].data
     np.testing.assert_allclose(data.fall.height(data.velocity), drop, rtol=1e-9)
     plan = ("--fit", "fitted/fit.json", "--shots", "2")
-    both = told_by(*plan, "--study", "design", "--sensor", "contact_time=2%")
+    both = saved(*plan, "--study", "design", "--sensor", "contact_time=2%")
     assert both["design"]["without_sensors"].keys() == both["design"]["relative_errors"].keys()
     header, *lines = Path("results/design.csv").read_text(encoding="utf-8").splitlines()
     assert header == "velocity [m/s],shots,drop height [cm]"
@@ -96,7 +96,7 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
         assert f"{shots:g} from {height:g} cm" in out
     assert " now," in out
     assert "with contact_time to 2 % in each impact (without): A: " in out
-    known = told_by(*plan, "--study", "information")["information"]
+    known = saved(*plan, "--study", "information")["information"]
     result = cal.FitResult.load("fitted/fit.json")
     error = result.standard_errors["dissipation_time"] / result.values["dissipation_time"]
     assert known["before"]["dissipation_time"] == pytest.approx(error, rel=1e-3)
@@ -104,22 +104,22 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
 
 def test_global_indices_follow_their_options(at, capsys):
     ranges = ("--range", "chi=0.1:0.4", "--range", "density=1100:1200")
-    wide = told_by(*GLOBAL, *ranges)["global"]
+    wide = saved(*GLOBAL, *ranges)["global"]
     assert files() == {"sensitivity.json", "sobol.png"}
     assert "Sobol indices, first (total) at v [m/s]" in capsys.readouterr().out
     assert wide["inputs"] == ["chi", "density"]
     assert (wide["samples"], wide["velocity"]) == (64, [20.0])
     assert wide["total"][0][0] > 0.9  # of a range so wide
-    assert told_by(*GLOBAL, *ranges)["global"] == wide
-    other = told_by(*GLOBAL, *ranges, "--seed", "5")["global"]
+    assert saved(*GLOBAL, *ranges)["global"] == wide
+    other = saved(*GLOBAL, *ranges, "--seed", "5")["global"]
     assert other["mean"] != wide["mean"]
-    log = told_by(*GLOBAL, *ranges, "--scale", "log")["global"]
+    log = saved(*GLOBAL, *ranges, "--scale", "log")["global"]
     assert log["mean"][0] > wide["mean"][0] + 0.005  # more of the small χ̃
 
 
 def test_what_a_global_study_does_not_vary_or_counts_as_zero_is_written(at, capsys):
     """Ends of an input's own range, inputs without a logarithm, and samples without a rebound."""
-    found = told_by(*GLOBAL, "--law", "constant", "--set", "restitution=0.95")["global"]
+    found = saved(*GLOBAL, "--law", "constant", "--set", "restitution=0.95")["global"]
     assert found["ranges"]["restitution"] == pytest.approx((0.855, 1.0))
     assert "(ε no further than 1)" in found["assumed"]
     assert found["mean"] == pytest.approx([0.5 * (0.855 + 1.0)], rel=1e-3)  # uniform
@@ -127,14 +127,14 @@ def test_what_a_global_study_does_not_vary_or_counts_as_zero_is_written(at, caps
     Path("foam.toml").write_text(auxetic, encoding="utf-8")
     law = ("--law", "constant", "--set", "restitution=0.5")
     few = ("--study", "global", "--samples", "16")
-    found = told_by("foam.toml", *law, *few, "--scale", "log")["global"]
+    found = saved("foam.toml", *law, *few, "--scale", "log")["global"]
     assert "poisson_ratio" not in found["inputs"]
     out = capsys.readouterr().out
     assert "Not varied (below zero, without a logarithm): ν (poisson_ratio)." in out
-    assert "poisson_ratio" in told_by("foam.toml", *law, *few)["global"]["inputs"]
+    assert "poisson_ratio" in saved("foam.toml", *law, *few)["global"]["inputs"]
     law = ("nylon", "--law", "eq-17", "--sigma", "0.4", "--psi", "0.5")
     options = ("--study", "global", "--samples", "64", "--range", "limit_velocity=321:329")
-    found = told_by(*law, *options, "--at", "100", "325")["global"]
+    found = saved(*law, *options, "--at", "100", "325")["global"]
     assert found["zeros"] == [0.0, pytest.approx(0.5, abs=0.02)]
     out = capsys.readouterr().out
     assert f"ε = 0: {100 * found['zeros'][1]:.3g} % at 325 m/s." in out
@@ -150,17 +150,17 @@ def fit(tmp_path_factory):
 def test_a_fit_is_planned_with_its_own_points(at, fit):
     result = fit
     fit.save("fit.json")
-    measured = told_by("--fit", "fit.json", "--study", "information")["information"]
+    measured = saved("--fit", "fit.json", "--study", "information")["information"]
     for name, error in measured["standard_errors"].items():
         assert error == pytest.approx(result.standard_errors[name], rel=1e-4)
-    none = told_by("--fit", "fit.json", "--study", "information", "--shots", "0")["information"]
+    none = saved("--fit", "fit.json", "--study", "information", "--shots", "0")["information"]
     assert none["standard_errors"] == pytest.approx(measured["standard_errors"])
-    more = told_by("--fit", "fit.json", "--study", "information", "--shots", "50")["information"]
+    more = saved("--fit", "fit.json", "--study", "information", "--shots", "50")["information"]
     assert more["standard_errors"]["chi"] < 0.8 * measured["standard_errors"]["chi"]
-    design = told_by("--fit", "fit.json", "--study", "design", "--shots", "5")["design"]
+    design = saved("--fit", "fit.json", "--study", "design", "--shots", "5")["design"]
     assert design["before"] == pytest.approx(measured["relative_standard_errors"])
     assert design["uncertainty"] == pytest.approx([0.003] * 5)
-    losses = told_by("--fit", "fit.json", "--study", "design", "--target", "eps_up")["design"]
+    losses = saved("--fit", "fit.json", "--study", "design", "--target", "eps_up")["design"]
     assert losses["before"]["eps_up"] == pytest.approx(
         result.material().derived["eps_up"].standard_error
         / result.material().derived["eps_up"].value,
@@ -172,12 +172,12 @@ def test_a_fit_is_planned_with_its_own_points(at, fit):
 def test_a_plan_repeats_warnings_and_bounds_of_its_fit_and_names_the_way_out(at, capsys, fit):
     warning = cal.FitWarning("residual-runs", "2 runs where 6 are expected", fit.material().name)
     replace(fit, warnings=(warning, replace(warning, material="another"))).save("doubted.json")
-    planned = told_by("--fit", "doubted.json", "--study", "information")
+    planned = saved("--fit", "doubted.json", "--study", "information")
     assert planned["warnings"] == [str(warning)]
     out = " ".join(capsys.readouterr().out.split())
     assert "The plan relies on this fit, which has these warnings: ! residual-runs" in out
     at_its_bound(fit, "psi", 0.7).save("bound.json")
-    (entry,) = told_by("--fit", "bound.json", "--study", "information")["information"][
+    (entry,) = saved("--fit", "bound.json", "--study", "information")["information"][
         "taken_as_known"
     ]
     assert entry.startswith("psi is at its bound 0.7 and is taken as known: the error")
@@ -217,7 +217,7 @@ def test_the_global_study_of_a_fit_varies_what_moves_by_itself_and_says_so(at, c
     warning = cal.FitWarning("residual-runs", "2 runs where 6 are expected", m.name)
     replace(fit, materials=(fixed,), warnings=(warning,)).save("held.json")
     few = ("--fit", "held.json", "--study", "global", "--samples", "16", "--at", "20")
-    study = told_by(*few)
+    study = saved(*few)
     assert "warnings" not in study  # which are of plans
     found = study["global"]
     assert found["inputs"] == ["youngs_modulus", "yield_strength", "limit_velocity", "chi"]

@@ -164,14 +164,14 @@ STUDENT = PROFILED | {"noise": "student-t"}
 EXTRA = {"extra_scatter": True}
 
 
-def case(law, values, simulate, /, *, options=QUICK, parameters=None, **told):
+def case(law, values, simulate, /, *, options=QUICK, parameters=None, **settings):
     found = {"law": law, "values": values, "options": options}
-    found["simulate"] = partial(simulate, **told) if told else simulate
+    found["simulate"] = partial(simulate, **settings) if settings else simulate
     return found | ({"parameters": parameters} if parameters else {})
 
 
-def bronze(options=PROFILED, **told):
-    return case("zhou", {"chi": 5.6, "eps_up": 0.93}, drops, options=options, **told)
+def bronze(options=PROFILED, **settings):
+    return case("zhou", {"chi": 5.6, "eps_up": 0.93}, drops, options=options, **settings)
 
 
 # of `CoverageCase`

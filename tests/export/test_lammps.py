@@ -285,7 +285,7 @@ def output_of(lines, folder) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    ("line", "other", "said"),
+    ("line", "other", "message"),
     [
         ("units si", "units cgs", "The laws of softjax need units si"),
         ("newton off", "newton on", "The laws of softjax need newton off"),
@@ -294,12 +294,12 @@ def output_of(lines, folder) -> tuple[int, str]:
         ("* * softjax", "* * brass", "No law brass in this softjax plugin; it has plate softjax"),
     ],
 )
-def test_what_the_plugin_cannot_do_is_refused(line, other, said, plugin):
+def test_what_the_plugin_cannot_do_is_refused(line, other, message, plugin):
     text = "\n".join(impact(1.0, [*LOAD, "timestep 1e-6"], 1, at=1.0))
     assert line in text
     code, output = output_of(text.replace(line, other).splitlines(), plugin[0])
     assert code != 0
-    assert said in output
+    assert message in output
 
 
 @pytest.mark.long

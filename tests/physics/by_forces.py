@@ -43,7 +43,7 @@ DEFAULTS = {
     "back": 1.0,  # u: the power of s
     "floor": 0.0,  # what is left at s = 0; of HERTZ and SAME the share that comes back
     "jolt": 0.0,  # how much an open line steepens below b
-    "told": 1.0,  # whether e and b are declared
+    "declared": 1.0,  # whether e and b are declared
 }
 NAMES = tuple(DEFAULTS)
 
@@ -67,13 +67,13 @@ class Forces(sj.RateIndependentLaw):
     back: float
     floor: float
     jolt: float
-    told: float
+    declared: float
 
     def elastic_overlap(self):
-        return jnp.where(self.told > 0, self.elastic, 0.0) * LENGTH
+        return jnp.where(self.declared > 0, self.elastic, 0.0) * LENGTH
 
     def breakpoints(self):
-        known = (self.told > 0) & (self.kink < FAR)
+        known = (self.declared > 0) & (self.kink < FAR)
         return (jnp.where(known, self.kink, jnp.inf) * LENGTH,)
 
     def loading_force(self, overlap):
@@ -310,7 +310,7 @@ def by_hand() -> list[Impact]:
         lasts = 0.8 * beta(0.4, 0.5) * peak / v
         rows.append(Impact(law, v, 1.0, peak, 0.0, opened, duration=lasts))
     # a triangle of work end/2 turns a body of less energy; so does what is no number from `end`
-    falls = {"power": 0.0, "kink": 0.0, "bend": 1.0, "told": 0.0}
+    falls = {"power": 0.0, "kink": 0.0, "bend": 1.0, "declared": 0.0}
     for share, end, triangle in (
         (0.8, 1.3, True),
         (1.2, 3.0, True),

@@ -185,7 +185,7 @@ def test_drawn_laws_with_all_kinks_declared(route, bound):
 def test_drawn_laws_without_a_word_of_kinks():
     """Exact, or flagged."""
     exact, yields = expected()
-    result, _ = graded(FIELDS._replace(told=np.zeros(DRAWN)), VELOCITY)
+    result, _ = graded(FIELDS._replace(declared=np.zeros(DRAWN)), VELOCITY)
     inexact = has(result, "INEXACT")
     worst = np.max(off(result, exact), 0)
     assert np.max(worst[yields & ~inexact]) < 1e-9

@@ -137,8 +137,8 @@ def test_any_material_file(tmp_path, materials):
     (tmp_path / "a.csv").write_text("velocity,restitution\n1.0,0.9\n1.0,0.8\n2.0,0.7\n")
     lines = []
     for i, entry in enumerate(materials):
-        options = {"name": f"m{i}"} | (GOOD | entry if i else entry)
-        lines += ["[[material]]", *(f"{key} = {as_toml(value)}" for key, value in options.items())]
+        table = {"name": f"m{i}"} | (GOOD | entry if i else entry)
+        lines += ["[[material]]", *(f"{key} = {as_toml(value)}" for key, value in table.items())]
     (tmp_path / "m.toml").write_text("\n".join(lines), encoding="utf-8")
     accepted_or_one_line(cal.read_toml, tmp_path / "m.toml", tmp_path)
 
@@ -148,8 +148,8 @@ COLUMNS = st.dictionaries(HEADERS, st.lists(CELLS, max_size=5), max_size=4)
 
 
 @some_and_many(80, st.tuples(SETS, COLUMNS, st.lists(CELLS, min_size=4, max_size=4)))
-def test_any_table(tmp_path, told):
-    names, others, values = told
+def test_any_table(tmp_path, table):
+    names, others, values = table
     accepted_or_one_line(cal.RestitutionData.from_table, others | dict.fromkeys(names, values))
 
 

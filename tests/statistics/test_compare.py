@@ -202,13 +202,13 @@ def test_weights_make_the_mixture_predict_best_and_ties_are_below_two_standard_e
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "noise"),
     [
         ({"extra_scatter": True}, "uncertainties as stated and scatter, normal errors; scatter estimated for each law"),
         ({"noise": "student-t"}, "uncertainties as stated, Student's t of 4 degrees of freedom"),
     ],
 )  # fmt: skip
-def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, told):
+def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, noise):
     data = growing(UNEQUAL, noise=0.01)
     comparison = cal.compare(data, CHEAP, **options)
     for key in CHEAP:
@@ -216,7 +216,7 @@ def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, to
         entry = comparison.entry(key)
         assert entry.result.values == pytest.approx(alone.values, rel=1e-6)
         assert entry.leave_one_out.elpd == pytest.approx(alone.leave_one_out().elpd, rel=1e-9)
-    assert f"Noise of every fit: {told}." in comparison.notes
+    assert f"Noise of every fit: {noise}." in comparison.notes
     best, second = comparison.entries[:2]
     apart = best.leave_one_out.log_density - second.leave_one_out.log_density
     (why,) = (note for note in comparison.notes if "is best: ahead of" in note)

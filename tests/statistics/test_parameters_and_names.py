@@ -62,15 +62,15 @@ def test_a_prior_on_yield_keeps_what_the_points_above_it_determine():
 
 
 @pytest.mark.parametrize(
-    ("told", "lowest"),
+    ("keywords", "lowest"),
     [
         ({"prior": (YIELD, 0.05 * YIELD)}, 1.5),  # five deviations up v_cr is 1.75 times as high
         ({"bounds": (0.5 * YIELD, 3 * YIELD)}, 12),  # v_cr reaches 3^2.5 = 15.6 times as high
         ({"value": YIELD}, 20),
     ],
 )
-def test_sigma_and_psi_stay_where_yield_may_reach_the_points(told, lowest):
-    result = cal.fit(drops(lowest), "zhou", with_yield(**told), **QUICK, max_steps=2)
+def test_sigma_and_psi_stay_where_yield_may_reach_the_points(keywords, lowest):
+    result = cal.fit(drops(lowest), "zhou", with_yield(**keywords), **QUICK, max_steps=2)
     assert {"sigma", "psi"} <= set(result.covariance_names)
 
 
