@@ -125,7 +125,7 @@ def test_results_may_leave_vmap_and_be_read_there(count):
     across = jax.jit(jax.vmap(of, out_axes=1))(growth)
     assert np.allclose(across.duration, exact.T, rtol=1e-12)
     assert np.array_equal(across.ok, outside.ok.T)
-    slope = jax.jacfwd(lambda growth: jax.vmap(of)(growth).duration.sum(1))(growth)
+    slope = jax.jit(jax.jacfwd(lambda growth: jax.vmap(of)(growth).duration.sum(1)))(growth)
     along = -0.25 * np.pi * np.sqrt(contact.mass) * stiffness**-1.5 * (stiffness - 2e6)
     assert np.allclose(np.diagonal(slope) * growth, along.sum(1), rtol=1e-10)
 
