@@ -156,7 +156,7 @@ REFUSED = [
     (STEEL, {"sizes": (0.01,), "on_wall": True}, "export each size by itself"),
     (STEEL, {"to": "liggghts", "law": "linear", "sizes": (0.01, 0.02)}, "hertz-dashpot"),
     (STEEL, {"to": "yade", "law": "zhou"}, r"\(zhou is for c, lammps\)"),
-    (Viscous(PAIR), {"law": "exact"}, "depends on the rate"),
+    pytest.param(Viscous(PAIR), {"law": "exact"}, "depends on the rate", marks=pytest.mark.long),
     (STEEL, {"velocity_range": None}, "lowest, highest"),
     (STEEL, {"velocity_range": (2, 1)}, "0 < lowest"),
     (STEEL, {"to": "liggghts", "law": "zhou"}, r"\(zhou is for c, lammps\)"),
