@@ -19,7 +19,6 @@ import traceback
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +53,16 @@ class Parser(argparse.ArgumentParser):
 
     def print_help(self, file=None) -> None:
         print(self.format_help(), end="", file=file or sys.stdout)  # argparse's own hides failures
+
+
+class Version(argparse.Action):
+    """Look the version up in the installed distribution."""
+
+    def __call__(self, parser, *_):
+        from importlib.metadata import version
+
+        print(f"softjax-contact {version('softjax-contact')}")
+        parser.exit(DONE)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -138,8 +147,7 @@ def _parsed(argv: Sequence[str]):
     top = _parser("softjax", what, "\n".join(lines), usage="softjax COMMAND [options]")
     top.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
     top.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
-    version = f"softjax-contact {version_of('softjax-contact')}"
-    top.add_argument("--version", action="version", version=version, help="print the version")
+    top.add_argument("--version", action=Version, nargs=0, help="print the version")
     _add_common_options(top)
     before = top.parse_args(argv)
     if before.command not in COMMANDS:
