@@ -6,6 +6,7 @@ import shutil
 import signal
 import sys
 import textwrap
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TextIO
@@ -15,7 +16,19 @@ SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasatt
 
 
 def open_streams() -> None:
-    """Letters that a standard stream lacks become "?"."""
+    """Make the three standard streams usable: letters that one lacks become "?".
+
+    A stream that was closed (`2>&-`) becomes the null device, or a file of results would take its
+    number. Writing to a closed standard output stays an error.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_WRONLY if number == 2 else os.O_RDONLY)  # the lowest free one
+            if getattr(sys, name) is None:
+                mode = "w" if number else "r"
+                setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -136,7 +149,7 @@ class Stopped(KeyboardInterrupt):
 
     def __init__(self, number: int):
         super().__init__(number)
-        self.code = 128 + number
+        self.number, self.code = number, 128 + number
 
 
 @contextmanager
@@ -146,8 +159,21 @@ def signals_handled() -> Iterator[None]:
     def stop(number: int, frame: object) -> None:
         raise Stopped(number)
 
-    with _handlers(stop):
-        yield
+    def lost(unraisable: Any) -> None:
+        """Raise once more, soon, what a callback of the garbage collector swallowed."""
+        if isinstance(unraisable.exc_value, Stopped):
+            again = threading.Timer(0.01, signal.raise_signal, (unraisable.exc_value.number,))
+            again.daemon = True
+            again.start()
+        else:
+            hook(unraisable)
+
+    hook, sys.unraisablehook = sys.unraisablehook, lost
+    try:
+        with _handlers(stop):
+            yield
+    finally:
+        sys.unraisablehook = hook
 
 
 @contextmanager

@@ -144,11 +144,11 @@ def collisions(parameters, velocity, output: Callable, requested: str | None):
         collision = elastic_collisions(impact, clock, force)
     elif isinstance(law, HardSphereLaw):
         squared = answer(law, "restitution_squared", impact.velocity)
-        found = stated(squared, 0.0, 0.0, 0.0 if clock else None, 0.0 if force else None)
-        collision = with_elastic(impact, found)
+        zero = 0.0 if clock else None, 0.0 if force else None
+        collision = with_elastic(impact, stated(squared, 0.0, 0.0, *zero))
     else:
-        found = route.collide(law, impact.acting, clock=clock, force=force)
-        collision = with_elastic(impact, found)
+        moving = route.collide(law, impact.acting, clock=clock, force=force)
+        collision = with_elastic(impact, moving)
     return output(impact, collision, requested)
 
 

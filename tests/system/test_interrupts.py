@@ -1,10 +1,12 @@
 """Signals: one line, the shell's code, old results as they were, and nothing left behind."""
 
+import gc
 import io
 import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,10 +30,10 @@ def signalled(at, monkeypatch):
     (at / "results").mkdir()
     (at / "results" / "curve.csv").write_text("old")
 
-    def said(number, handler):
+    def said(number, handler, send=signal.raise_signal):
         class Input(io.BytesIO):
             def read(self, *size):
-                signal.raise_signal(number)
+                send(number)
                 return super().read(*size)
 
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=Input(b"velocity\n1.0\n2.0\n")))
@@ -52,6 +54,23 @@ def test_a_command_that_is_stopped_leaves_what_was_there(number, signalled, at):
     assert signalled(number, unheard) == (CODES[number], "", line)
     assert [path.name for path in at.rglob("*")] == ["results", "curve.csv"]
     assert (at / "results" / "curve.csv").read_text() == "old"
+
+
+def while_collecting(number):
+    """Send a signal during a garbage collection, whose callbacks swallow what is raised in them, and wait."""
+
+    def callback(*_):
+        gc.callbacks.remove(callback)
+        signal.raise_signal(number)
+
+    gc.callbacks.append(callback)
+    gc.collect()
+    time.sleep(5)
+
+
+def test_a_signal_that_garbage_collection_swallowed_stops_a_command(signalled, at):
+    line = "softjax: interrupted, nothing written\n"
+    assert signalled(signal.SIGTERM, unheard, while_collecting) == (143, "", line)
 
 
 def test_an_ignored_hangup_stays_ignored(signalled, at):

@@ -141,14 +141,30 @@ def test_a_result_not_saved_is_an_os_error(tmp_path):
         result.save(tmp_path / ("x" * 300) / "fit.json")
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="of Linux")
-def test_output_that_is_full():
-    done = subprocess.run(
-        ["sh", "-c", '"$@" >/dev/full', "sh", *COMMAND, "--help"], capture_output=True, check=False
+def redirected(streams, *words, **more):
+    """A command whose standard streams the shell redirects."""
+    return subprocess.run(
+        ["sh", "-c", f'"$@" {streams}', "sh", *COMMAND, *map(str, words)],
+        capture_output=True,
+        check=False,
+        **more,
     )
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="of Linux")
+@pytest.mark.parametrize("streams", [">/dev/full", ">&-", "<&- >&- 2>&-"])
+def test_output_that_is_full_or_closed(streams):
+    done = redirected(streams, "--help")
     assert done.returncode == 3
-    assert done.stderr.count(b"\n") == 1
+    assert done.stderr.count(b"\n") == (0 if "2>" in streams else 1)
     assert b"Traceback" not in done.stderr
+
+
+def test_closed_errors_and_input_do_no_harm(tmp_path):
+    """A file of results never becomes a stream that was closed."""
+    done = redirected("<&- 2>&-", *CURVE, "--format", "csv", "--out", tmp_path)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert (tmp_path / "curve.csv").read_text().count("\n") > 20
 
 
 def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path):
