@@ -5,6 +5,7 @@ from dataclasses import replace
 from decimal import Decimal
 
 import numpy as np
+import pandas
 import pytest
 
 import calibration as cal
@@ -13,16 +14,6 @@ from tests.covariance import covariance_of
 
 PAIR = sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, 0.0127, 0.0127)
 READ = cal.RestitutionData.from_table
-
-
-class Frame:
-    """What a data frame offers: named columns, each an array-like."""
-
-    def __init__(self, table):
-        self._table, self.columns = table, list(table)
-
-    def __getitem__(self, name):
-        return np.asarray(self._table[name])
 
 
 def test_arrays_are_copies_labels_have_their_order_and_print_tells_what_it_is():
@@ -35,7 +26,7 @@ def test_arrays_are_copies_labels_have_their_order_and_print_tells_what_it_is():
     with pytest.raises(ValueError, match="read-only"):
         data.velocity[0] = 0.0
     table = {"velocity [cm/s]": [12, 29], "restitution": [0.9, 0.8], "group": ["a", "b"]}
-    assert READ(Frame(table), PAIR) == READ(table, PAIR)
+    assert READ(pandas.DataFrame(table), PAIR) == READ(table, PAIR)
     data = cal.RestitutionData([1.0, 2.0, 3.0], [0.9, 0.8, 0.7], group=[7, 2.0, 7])
     assert list(data.group) == ["7", "2", "7"]
     assert data.groups == ("7", "2")
