@@ -11,30 +11,15 @@ from itertools import accumulate, islice
 from pathlib import Path
 from typing import NamedTuple
 
-OPERATORS = {
-    ast.Add: ("+", "-"),
-    ast.Sub: ("-", "+"),
-    ast.Mult: ("*", "/"),
-    ast.Div: ("/", "*"),
-    ast.Pow: ("**", "*"),
-    ast.FloorDiv: ("//", "*"),
-    ast.BitAnd: ("&", "|"),
-    ast.BitOr: ("|", "&"),
-    ast.And: ("and", "or"),
-    ast.Or: ("or", "and"),
-}
-COMPARISONS = {
-    ast.Lt: ("<", "<="),
-    ast.LtE: ("<=", "<"),
-    ast.Gt: (">", ">="),
-    ast.GtE: (">=", ">"),
-    ast.Eq: ("==", "!="),
-    ast.NotEq: ("!=", "=="),
-    ast.Is: ("is", "is not"),
-    ast.IsNot: ("is not", "is"),
-    ast.In: ("in", "not in"),
-    ast.NotIn: ("not in", "in"),
-}
+# the class of a node, how it is written, and what is written in its place
+OPERATORS = "Add + -, Sub - +, Mult * /, Div / *, Pow ** *, FloorDiv // *, BitAnd & |, BitOr | &, "
+OPERATORS += "And and or, Or or and"
+COMPARISONS = "Lt < <=, LtE <= <, Gt > >=, GtE >= >, Eq == !=, NotEq != ==, Is is is_not, "
+COMPARISONS += "IsNot is_not is, In in not_in, NotIn not_in in"
+OPERATORS, COMPARISONS = (
+    {getattr(ast, name): signs for name, *signs in map(str.split, words.split(", "))}
+    for words in (OPERATORS, COMPARISONS)
+)
 OPPOSITES = [("min", "max"), ("minimum", "maximum"), ("all", "any"), ("floor", "ceil")]
 OPPOSITE = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
 COMMUTE = {"min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or"}
@@ -63,25 +48,17 @@ class Change(NamedTuple):
 
 def changes_of(file: str, source: bytes) -> list[Change]:
     """All changes, in their order; after some the file may be no Python any more."""
-    changes = []
-    whole = _Source(source)
+    changes, whole = [], _Source(source)
     sites = (site for node in _nodes(ast.parse(source)) for site in whole.sites(node))
     for kind, start, end, new in sites:
-        changed = source[:start] + new.encode() + source[end:]
-        if changed == source:
-            continue
-        first = source.rfind(b"\n", 0, start) + 1
-        last = source.find(b"\n", end)
-        last = len(source) if last < 0 else last
-        after = changed[first : last + len(changed) - len(source)]
-        line = source[:start].count(b"\n") + 1
-        words = (_one_line(source[first:last]), _one_line(after))
-        changes.append(Change(file, line, kind, start, end, new, *words))
+        above, _, head = source[:start].rpartition(b"\n")
+        tail = source[end:].partition(b"\n")[0]
+        parts = (source[start:end], new.encode())
+        before, after = (" ".join((head + part + tail).decode().split()) for part in parts)
+        if parts[0] != parts[1]:
+            line = above.count(b"\n") + 1 + (start > len(head))
+            changes.append(Change(file, line, kind, start, end, new, before, after))
     return sorted(changes, key=lambda change: (change.start, change.kind))
-
-
-def _one_line(source: bytes) -> str:
-    return " ".join(source.decode().split())
 
 
 class _Source:
@@ -100,6 +77,7 @@ class _Source:
 
     def between(self, kind: str, left, right, old: str, new: str) -> Iterator[Site]:
         """The one `old` between two nodes replaced."""
+        old, new = old.replace("_", " "), new.replace("_", " ")
         start, end = self.span(left)[1], self.span(right)[0]
         text = self.text(start, end)
         if text.count(old) == 1:
@@ -192,13 +170,11 @@ def _is_text(node) -> bool:
 
 def drawn(changes: list[Change], count: int, rng, top: Path) -> list[Change]:
     """`count` of them at random, each at most once, after which the file in `top` is still Python."""
-    shuffled = (change for change in rng.sample(changes, len(changes)) if _parses(change, top))
-    return list(islice(shuffled, count))
 
+    def parses(change: Change) -> bool:
+        try:
+            return bool(ast.parse(change.applied((top / change.file).read_bytes())))
+        except SyntaxError:
+            return False
 
-def _parses(change: Change, top: Path) -> bool:
-    try:
-        ast.parse(change.applied((top / change.file).read_bytes()))
-    except SyntaxError:
-        return False
-    return True
+    return list(islice(filter(parses, rng.sample(changes, len(changes))), count))

@@ -1,6 +1,5 @@
 """The notebooks run, and what is stored in them is what they give."""
 
-import ast
 import base64
 import io
 import re
@@ -75,7 +74,7 @@ def read(path):
     return nbformat.read(path, as_version=4)
 
 
-@pytest.mark.long  # by default the first one runs without a kernel, beside the README's examples
+@pytest.mark.long
 @pytest.mark.parametrize(
     "path",
     [
@@ -99,18 +98,6 @@ def assert_alike(fresh, stored):
         exponent = float(theirs.partition("e")[2] or 0)
         last_digit = 10 ** (exponent - decimals)
         assert float(ours) == pytest.approx(float(theirs), rel=0.02, abs=2.01 * last_digit)
-
-
-@each
-def test_what_it_imports_is_there(path):
-    cells = (cell.source for cell in read(path).cells if cell.cell_type == "code")
-    code = re.sub(r"^%.*", "", "\n".join(cells), flags=re.M)  # IPython's own
-    lines = [line for line in ast.parse(code).body if isinstance(line, ast.Import | ast.ImportFrom)]
-    assert lines
-    ours = [
-        n for n in lines if ast.unparse(n).split()[1].split(".")[0] in ("softjax", "calibration")
-    ]
-    exec(compile(ast.Module(ours, []), path.name, "exec"), {})
 
 
 @each

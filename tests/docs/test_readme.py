@@ -6,15 +6,12 @@ import re
 from functools import cache
 from pathlib import Path
 
-import matplotlib
-import matplotlib.pyplot as plt
 import pytest
 
 import calibration as cal
 import softjax as sj
 from calibration import cli
 from tests.command import run
-from tests.docs import test_notebooks as notebooks
 from tests.docs.test_notebooks import NUMBER, assert_alike
 
 ROOT = Path(__file__).parents[2]
@@ -77,21 +74,6 @@ def test_the_tutorial_shows_what_its_fits_print(tmp_path, monkeypatch):
         known = {re.sub(NUMBER, "#", " ".join(row.split())): row for row in out.splitlines()}
         for row in expected:
             assert_alike(known[re.sub(NUMBER, "#", " ".join(row.split()))], row)
-
-
-def test_the_first_notebook_prints_what_is_stored(monkeypatch):
-    stored = notebooks.read(notebooks.NOTEBOOKS[0])
-    code = "\n".join(cell.source for cell in stored.cells if cell.cell_type == "code")
-    monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
-    with matplotlib.rc_context():
-        found = printed(code.replace("%matplotlib inline", ""), {})
-    assert_alike(found, notebooks.printed(stored))
-
-
-def test_a_wrong_promise_would_be_seen():
-    block = "print(1)\nprint(2)\n# 1\n# 3\n"
-    assert promised(block) == "1\n3"
-    assert printed(block, {}) == "1\n2"
 
 
 @each

@@ -187,6 +187,3 @@ def test_every_public_name_is_what_it_says_and_no_module_takes_one_from_its_own_
     for name in cal.__all__:
         assert not hasattr(getattr(cal, name), "__path__"), name
         assert type(getattr(cal, name)).__name__ != "module", name
-    assert {"fit", "problem", "compare", "read_csv", "read_toml", "LAWS"} <= set(cal.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'fitt'"):
-        _ = cal.fitt
