@@ -8,7 +8,6 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from calibration.observables import OBSERVABLES, predicted
-from tests.coverage.test_coverage import CASES
 from tests.fit_data import pair
 from tests.shown.tables import cells
 
@@ -183,53 +182,9 @@ def test_every_observable_and_its_slope_are_in_closed_form():
     np.testing.assert_allclose(SECOND * np.array(slopes), by, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.long  # the default suite: of two losses in test_search
-def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back():
-    """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors."""
-    case = CASES["sensors, zhou, contact times and dents"]
-    data = cal.CoverageCase("x", **case).data(np.random.default_rng((7, 0, 21)))
-    free = {"contact.youngs_modulus": cal.Parameter()}
-    result = cal.fit(data, None, free, profiles=False, starts=8)
-    assert [warning.code for warning in result.warnings] == ["sigma-psi-not-separate"]
-    assert result.values["chi"] == pytest.approx(0.22, abs=0.03)
-    psi = result.values["psi"]
-    near = {"chi": cal.Parameter(0.22), "sigma": cal.Parameter(0.24)}
-    near |= {"psi": cal.Parameter(psi, prior=(psi, 1e-6))}
-    fixed = cal.fit(data, None, free | near, profiles=False, starts=1)
-    assert result.log_likelihood == pytest.approx(fixed.log_likelihood, abs=1e-5)
-    one, other = (fit.material().derived["eps_up"] for fit in (result, fixed))
-    assert 0.97 < one.value < 0.995
-    assert one.standard_error == pytest.approx(other.standard_error, rel=1e-3)
-    for end in ("value", "low", "high"):
-        nearly = pytest.approx(getattr(other, end), abs=1e-3 * other.standard_error)
-        assert getattr(one, end) == nearly
-
-
 # what a contact time and a second size tell that restitutions of one size do not
 
 SPEEDS = np.geomspace(0.1, 2.0, 24)
-
-
-@pytest.mark.parametrize(
-    ("law", "name", "truth", "power"),
-    [
-        (lambda: sj.LinearSpringDashpot(PAIR, 3e6, 0.8), "stiffness", 3e6, 2.0),
-        (lambda: sj.Hertz(PAIR), "contact.youngs_modulus", float(PAIR.youngs_modulus), 2.5),
-    ],
-)
-def test_contact_times_alone_tell_what_restitutions_do_not(law, name, truth, power):
-    """t ∝ K^-1/2 and E^-2/5: times of 2 % give a stiffness to 4 %/√n, E to 5 %/√n."""
-    random = np.random.default_rng(3)
-    times = np.asarray(sj.restitution(law(), SPEEDS).duration)
-    times = times * (1 + 0.02 * random.standard_normal(len(SPEEDS)))
-    data = cal.RestitutionData(
-        SPEEDS, contact=PAIR, contact_time=times, contact_time_uncertainty=0.02 * times
-    )
-    parameters = {name: cal.Parameter(), **({"restitution": 0.8} if name == "stiffness" else {})}
-    result = cal.fit(data, type(law()), parameters, **QUICK)
-    expected = power * 0.02 / len(SPEEDS) ** 0.5 * truth
-    assert result.standard_errors[name] == pytest.approx(expected, rel=0.05)
-    assert abs(result.values[name] - truth) < 4 * expected
 
 
 def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
