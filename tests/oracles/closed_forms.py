@@ -1,4 +1,4 @@
-"""Series of the closed forms: `python -m tests.oracles.closed_forms` writes them, in two minutes.
+"""Series of the closed forms: `python -m tests.oracles.closed_forms` writes them.
 
 Chebyshev coefficients of what is a function of one number: the collision of viscoelastic spheres of
 w², and the duration of Hertz's dashpot of the restitution it is set to. Viscoelastic spheres are
@@ -41,64 +41,32 @@ class Collision(NamedTuple):
 def viscoelastic(spring, dashpot) -> Collision:
     """x'' = -spring x^{3/2} - dashpot √x x', x' = 1 at touch, until the force vanishes.
 
-    In s = √x all is analytic: over s where the bodies move, over time around the peak.
+    All is analytic over τ, dt = √x dτ: of s = √x and U = x', s' = U/2 and U' = -s² (dashpot U + spring s²).
     """
-    force = mp.mpf(spring), mp.mpf(dashpot)
-    state = (mp.mpf(0), mp.mpf(1), mp.mpf(0))
-    half = mp.mpf("0.5")
-    while state[0] < half:
-        U, t = _over_root(*state[:2], *force)
-        h = min(_reach(U, t), half - state[0])
-        state = state[0] + h, _at(U, h), state[2] + _at(t, h)
-    peak = None
-    while peak is None or state[0] > mp.mpf("0.6"):
-        s, U = _over_time(*state[:2], *force)
+    state, peak = (mp.mpf(0), mp.mpf(1), mp.mpf(0)), None
+    while True:
+        s, U, t, pull = _series(*state, mp.mpf(spring), mp.mpf(dashpot))
         h = _reach(s, U)
         if peak is None and _at(U, h) <= 0:
             peak = _at(s, _zero(U, h)) ** 2
-        pull = [force[1] * u + force[0] * _product(s, s, n) for n, u in enumerate(U[:TERMS])]
+        if _at(s, h) < 0:  # the force has one zero up to there, and another beyond
+            h = _zero(s, h)
         if peak is not None and _at(pull, h) <= 0:
             h = _zero(pull, h)
-            return Collision(-_at(U, h), peak, state[2] + h)
-        state = _at(s, h), _at(U, h), state[2] + h
-    while True:
-        U, t = _over_root(*state[:2], *force)
-        h = -min(_reach(U, t), state[0])
-        pull = [force[1] * u for u in U[:TERMS]]
-        for n, part in enumerate((state[0] ** 2, 2 * state[0], 1)):
-            pull[n] += force[0] * part
-        if _at(pull, h) <= 0:
-            h = _zero(pull, h) if dashpot else h
-            return Collision(-_at(U, h), peak, state[2] + _at(t, h))
-        state = state[0] + h, _at(U, h), state[2] + _at(t, h)
+            return Collision(-_at(U, h), peak, _at(t, h))
+        state = [_at(series, h) for series in (s, U, t)]
 
 
-def _over_root(s, U, spring, dashpot):
-    """Series of U and t: U dU/ds = -2 s² (dashpot U + spring s²), dt/ds = 2 s/U."""
-    square = [s * s, 2 * s, mp.mpf(1)]
-    fourth = [_product(square + [0] * 3, square + [0] * 3, n) for n in range(5)]
-    U, pace, t = [U], [], [mp.mpf(0)]
-    for n in range(TERMS):
-        push = dashpot * mp.fsum(square[k] * U[n - k] for k in range(min(n, 2) + 1))
-        right = -2 * (push + (spring * fourth[n] if n < 5 else 0))
-        known = mp.fsum(U[k] * (n + 1 - k) * U[n + 1 - k] for k in range(1, n + 1))
-        U.append((right - known) / (U[0] * (n + 1)))
-        way = (2 * s, mp.mpf(2))[n] if n < 2 else 0
-        pace.append((way - mp.fsum(U[k] * pace[n - k] for k in range(1, n + 1))) / U[0])
-        t.append(pace[n] / (n + 1))
-    return U, t
-
-
-def _over_time(s, U, spring, dashpot):
-    """Series of s and U: s s' = U/2, U' = -dashpot s U - spring s³."""
-    s, U, square = [s], [U], []
+def _series(s, U, t, spring, dashpot):
+    """Taylor series over τ of s, U, t, and of the force over s."""
+    s, U, t, square, pull = [s], [U], [t], [], []
     for n in range(TERMS):
         square.append(_product(s, s, n))
-        push = dashpot * _product(s, U, n) + spring * _product(square, s, n)
-        known = mp.fsum(s[k] * (n + 1 - k) * s[n + 1 - k] for k in range(1, n + 1))
-        s.append((U[n] / 2 - known) / (s[0] * (n + 1)))
-        U.append(-push / (n + 1))
-    return s, U
+        pull.append(dashpot * U[n] + spring * square[n])
+        s.append(U[n] / (2 * (n + 1)))
+        U.append(-_product(square, pull, n) / (n + 1))
+        t.append(s[n] / (n + 1))
+    return s, U, t, pull
 
 
 def _product(a, b, n):
