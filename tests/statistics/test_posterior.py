@@ -1,6 +1,7 @@
 """Draws from the posterior: against grids, other samplers and refits; what is said and made of them."""
 
 import importlib
+import inspect
 import json
 import os
 import re
@@ -20,7 +21,6 @@ import calibration as cal
 import softjax as sj
 from calibration.plots import correlation_figure, posterior_figure
 from tests.command import run
-from tests.coverage.test_coverage import drops
 from tests.decay import Decay
 from tests.fit_data import twin
 from tests.shown.capture import legend, line
@@ -56,32 +56,7 @@ def values_of(data, name):
     return np.ravel(np.asarray(data["posterior"][name]))
 
 
-def moments(draws):
-    """Mean and standard deviation of draws (chains, draws), with the Monte Carlo errors of both."""
-    draws = np.asarray(draws)
-    spread = (draws - np.mean(draws)) ** 2
-    deviation = np.std(draws)
-    error = np.std(spread) / (2 * deviation) / float(az.ess(spread)) ** 0.5
-    return np.mean(draws), deviation / float(az.ess(draws)) ** 0.5, deviation, error
-
-
-def check_grid(draws, log_density, **axes):
-    """Draws' moments are those of the density on a grid, within 5 Monte Carlo errors, known to 7 %."""
-    grid = np.meshgrid(*axes.values(), indexing="ij")
-    density = log_density(*grid)
-    weight = np.exp(density - np.max(density))
-    weight /= np.sum(weight)
-    for name, values in zip(axes, grid, strict=True):
-        expected = np.sum(weight * values)
-        width = np.sum(weight * (values - expected) ** 2) ** 0.5
-        mean, error, deviation, its_error = moments(draws[name])
-        assert error < 0.07 * width, name
-        assert abs(mean - expected) < 5 * error, name
-        assert abs(deviation - width) < 5 * its_error, name
-
-
 V = np.linspace(0.5, 4.0, 16)
-THREE = ("logit", "log_power", "noise")
 
 
 class Ridge(sj.HardSphereLaw):
@@ -94,66 +69,50 @@ class Ridge(sj.HardSphereLaw):
         return jnp.exp(2 * self.power * jnp.log(self.base) * (1 + 0.1 * velocity))
 
 
-def ridge():
-    """Along -b ln c = 0.3."""
-    noise = 0.01 * np.random.default_rng(1).standard_normal(len(V))
-    return cal.RestitutionData(V, np.exp(-0.3 * (1 + 0.1 * V)) + noise)
-
-
-@pytest.fixture(scope="module")
-def result():
-    parameters = {"base": cal.Parameter(0.8), "power": cal.Parameter(1.3)}
-    return cal.fit(ridge(), Ridge, parameters, profiles=False, starts=1)
-
-
-TOLD = {"draws": 1000, "chains": 2, "warmup": 500}
-
-
-@pytest.fixture(scope="module")
-def posterior(result):
-    return result.posterior(seed=1, **TOLD)
-
-
 def check_converged(data):
     assert np.mean(data["sample_stats"]["diverging"]) <= 0.005
     for name, draws in data["posterior"].data_vars.items():
         assert float(az.rhat(np.asarray(draws))) < 1.01, name
 
 
-def test_a_ridge_is_sampled_and_every_group_has_units_and_priors(posterior):
-    """Draws converge, hardly any diverges, and their moments are those of the density on a grid."""
+def test_a_ridge_is_sampled_and_every_group_has_units_and_priors():
+    """Draws converge, hardly any diverges; moments are a grid's within 5 Monte Carlo errors, known to 7 %."""
+    measured = np.exp(-0.3 * (1 + 0.1 * V)) + 0.01 * np.random.default_rng(1).standard_normal(16)
+    parameters = {"base": cal.Parameter(0.8), "power": cal.Parameter(1.3)}
+    data = cal.RestitutionData(V, measured)
+    result = cal.fit(data, Ridge, parameters, profiles=False, starts=1)
+    posterior = result.posterior(seed=1, draws=1000, chains=2, warmup=500)
     check_converged(posterior)
-
-    def log_density(logit, log_power, noise):
-        """Uniform in the base, log-normal in the power, half-normal in the noise."""
-        x, y = logit[..., :1], log_power[..., :1]
-        off = np.exp(-np.exp(y) * np.log1p(np.exp(-x)) * (1 + 0.1 * V)) - ridge().restitution
-        squares = np.sum(off**2, axis=-1)[..., None]
-        of_laws = -logit - 2 * np.log1p(np.exp(-logit))
-        of_laws += stats.norm.logpdf(log_power, np.log(1.3), 2.0)
-        of_noise = stats.halfnorm.logpdf(noise, 0, 0.1) - len(V) * np.log(noise)
-        return of_laws + of_noise - 0.5 * squares / noise**2
-
-    draws = {name: np.asarray(posterior["posterior"][name]) for name in ("base", "power", "noise")}
-    base = draws["base"]
-    found = np.log(base / (1 - base)), np.log(draws["power"]), draws["noise"]
-    axes = np.linspace(-12, 12, 151), np.linspace(-8, 8, 1601), np.linspace(0.004, 0.04, 25)
-    check_grid(
-        dict(zip(THREE, found, strict=True)), log_density, **dict(zip(THREE, axes, strict=True))
-    )
     found = posterior["posterior"]
     assert (found.sizes["chain"], found.sizes["draw"]) == (2, 1000)
+    base, power, noise = draws = [np.asarray(found[name]) for name in ("base", "power", "noise")]
+    assert np.mean(noise[0] == noise[1]) < 0.01
+    axes = np.linspace(-12, 12, 151), np.linspace(-8, 8, 1601), np.linspace(0.004, 0.04, 25)
+    x, y, s = grid = np.meshgrid(*axes, indexing="ij", sparse=True)
+    curves = np.exp(-np.exp(y) * np.log1p(np.exp(-x)) * (1 + 0.1 * V[:, None, None, None]))
+    squares = np.sum((curves - measured[:, None, None, None]) ** 2, axis=0)
+    # uniform in the base, log-normal in the power, half-normal in the noise
+    density = -x - 2 * np.log1p(np.exp(-x)) + stats.norm.logpdf(y, np.log(1.3), 2.0)
+    density = density + stats.halfnorm.logpdf(s, 0, 0.1) - 16 * np.log(s) - 0.5 * squares / s**2
+    weight = np.exp(density - np.max(density))
+    weight /= np.sum(weight)
+    for values, at in zip((np.log(base / (1 - base)), np.log(power), noise), grid, strict=True):
+        expected = np.sum(weight * at)
+        width = np.sum(weight * (at - expected) ** 2) ** 0.5
+        spread, deviation = (values - np.mean(values)) ** 2, np.std(values)
+        error = deviation / float(az.ess(values)) ** 0.5
+        assert error < 0.07 * width
+        assert abs(np.mean(values) - expected) < 5 * error
+        its_error = np.std(spread) / (2 * deviation) / float(az.ess(spread)) ** 0.5
+        assert abs(deviation - width) < 5 * its_error
     assert found["base"].attrs["prior"] == "uniform, 0 to 1"
     assert found["noise"].attrs["prior"] == "half-normal, 0.1"
     assert json.loads(found.attrs["priors"])["noise"] == "half-normal, 0.1"
-    observed = posterior["observed_data"]["restitution"]
-    np.testing.assert_array_equal(observed, ridge().restitution)
-    np.testing.assert_array_equal(observed["velocity"], V)
-    assert observed["velocity"].attrs["unit"] == "m/s"
-    base, power, noise = (np.asarray(found[n])[..., None] for n in ("base", "power", "noise"))
+    velocity = posterior["observed_data"]["restitution"]["velocity"]
+    np.testing.assert_array_equal(velocity, V)
+    assert velocity.attrs["unit"] == "m/s"
+    base, power, noise = (one[..., None] for one in draws)
     exact = base ** (power * (1 + 0.1 * V))
-    expected = stats.norm.logpdf(ridge().restitution, exact, noise)
-    np.testing.assert_allclose(posterior["log_likelihood"]["restitution"], expected, rtol=1e-9)
     predicted = np.asarray(posterior["posterior_predictive"]["restitution"])
     scatter = (predicted - exact) / noise
     assert stats.kstest(scatter.ravel()[::7], "norm").pvalue > 1e-3
@@ -203,121 +162,70 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
         by_point.append(stats.norm.logpdf(data.restitution, e, value[f"noise[{data.name}]"]))
         by_point.append(stats.norm.logpdf(times.value, duration(own, e), noise * times.scale))
         measured += [*data.restitution, *times.value]
-    found = np.ravel(draws["sample_stats"]["log_prior"])
+    statistics = draws["sample_stats"]
+    found, by_point = np.ravel(statistics["log_prior"]), np.concatenate(by_point, axis=1)
     np.testing.assert_allclose(found - found[0], np.ravel(expected - expected[0]), atol=1e-8)
     found = np.asarray(draws["log_likelihood"]["restitution"]).reshape(40, -1)
-    np.testing.assert_allclose(found, np.concatenate(by_point, axis=1), rtol=1e-8)
+    np.testing.assert_allclose(found, by_point, rtol=1e-8)
+    found = np.ravel(statistics["lp"] - statistics["log_prior"] - statistics["log_jacobian"])
+    np.testing.assert_allclose(found, np.sum(by_point, axis=1), rtol=1e-9)
+    same, other = (
+        fit.posterior(draws=40, chains=1, seed=k, warmup=60)["posterior"]["level"] for k in (3, 4)
+    )
+    np.testing.assert_array_equal(same, draws["posterior"]["level"])
+    assert np.mean(np.asarray(same == other)) < 0.1
     observed = draws["observed_data"]["restitution"]
     np.testing.assert_allclose(observed, measured, rtol=1e-14)
     of_set = ["restitution"] * 8 + ["contact_time"] * 8
     assert list(observed["observable"].values) == 2 * of_set
-    priors = {name: draws["posterior"][name].attrs["prior"] for name in value}
+    about = {name: draws["posterior"][name].attrs for name in value}
+    priors = {name: attributes["prior"] for name, attributes in about.items()}
+    assert about["tilt"]["prior_share"] == pytest.approx(np.std(value["tilt"]) / 10)
+    share = np.std(value["level"]) / 0.05
+    assert about["level"]["prior_share"] == pytest.approx(share, rel=0.1)
+    assert (about["level"]["lower"], about["level"]["upper"]) == (0, np.inf)
     assert priors["stiffness[a]"] == "around stiffness, with stiffness_spread"
     assert priors["stiffness"] == "log-normal, median 3e+06, with 68 % from 4.1e+05 to 2.2e+07"
 
 
-def test_equal_seeds_give_equal_draws(result, posterior):
-    """However the threads went; another seed, and each chain, has draws of its own."""
-    same, other = (result.posterior(seed=k, **TOLD)["posterior"]["noise"] for k in (1, 2))
-    one, same, other = map(np.asarray, (posterior["posterior"]["noise"], same, other))
-    np.testing.assert_array_equal(one, same)
-    assert np.mean(one == other) < 0.01
-    assert np.mean(one[0] == one[1]) < 0.01
-
-
-@pytest.mark.filterwarnings("ignore:The inplace keyword")  # ArviZ 0.23 with pandas 3.1
-@pytest.mark.filterwarnings("ignore:Estimated shape")  # of a point that stands out
-def test_arviz_leaves_points_out_as_refits_do(posterior, result):
-    """PSIS over draws, against refits without each point."""
-    found = az.loo(posterior)
-    elpd = float(getattr(found, "elpd_loo", getattr(found, "elpd", np.nan)))
-    assert abs(elpd - result.leave_one_out().elpd) < 0.35
-
-
-# other samplers, on `cal.problem`, by the examples of the reference
-
-
-def example(which):
-    """The n-th block of code that is run here alone."""
-    page = Path(__file__).parents[2] / "notebooks" / "reference" / "how_to.md"
-    return re.findall(r"```py\n(.*?)```", page.read_text(encoding="utf-8"), re.S)[which]
-
-
-@pytest.fixture(scope="module")
-def nylon():
-    """Impacts above yield alone: they determine χ̃, ε_up and the noise; and logarithms as fitted."""
-    data = twin("nylon", y=np.geomspace(1.3, 60.0, 20), noise=0.01)
-    fit = cal.fit(data, profiles=False)
-    found = {n: fit.estimates[n] for n in ("chi", "eps_up")}
-    expected = {n: (np.log(e.value), e.standard_error / e.value) for n, e in found.items()}
-    material = fit.materials[0]
-    of_noise = np.log(material.noise), (2 * material.residual_degrees) ** -0.5
-    return data, expected | {"noise": of_noise}
-
-
-def check(draws, expected):
-    """Within Monte Carlo error and what priors and the normal approximation are off by."""
-    for name, (mean, deviation) in expected.items():
-        log = np.log(np.asarray(draws[name]))
-        error = deviation / float(az.ess(log[None])) ** 0.5
-        assert abs(np.mean(log) - mean) < 5 * error + 0.25 * deviation
-        assert np.std(log) == pytest.approx(deviation, rel=0.3)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("sampler", ["numpyro", "blackjax"])
-def test_another_sampler_samples_it(sampler, nylon):
-    (data, expected), draws = nylon, []
+def test_another_sampler_samples_the_problem_as_the_reference_shows(sampler):
+    """Impacts above yield alone: within Monte Carlo error and what the normal approximation is off by."""
+    page = Path(__file__).parents[2] / "notebooks" / "reference" / "how_to.md"
+    by_numpyro, by_blackjax = re.findall(
+        r"```py\n(.*?)```", page.read_text(encoding="utf-8"), re.S
+    )[:2]
+    data = twin("nylon", y=np.geomspace(1.3, 60.0, 20), noise=0.01)
     names = {"jax": jax, "jnp": jnp, "cal": cal, "data": data, "problem": cal.problem(data)}
     if sampler == "numpyro":
         numpyro = needed("numpyro")
         names |= {"numpyro": numpyro, "dist": numpyro.distributions}
         names |= {"MCMC": numpyro.infer.MCMC, "NUTS": numpyro.infer.NUTS}
-        exec(example(0).replace("NUTS(model)", "NUTS(model), progress_bar=False"), names)
-        return check(names["mcmc"].get_samples(), expected)
-    code = example(1)
-    assert "state, info = step(key, state)" in code
-    exec(
-        code + "\n    draws.append(state.position)", names | {"blackjax": blackjax, "draws": draws}
-    )
-    assert len(draws) == 500
-    check({n: np.exp([float(draw[n]) for draw in draws]) for n in expected}, expected)
+        exec(by_numpyro.replace("NUTS(model)", "NUTS(model), progress_bar=False"), names)
+        found = {n: np.log(x) for n, x in names["mcmc"].get_samples().items()}
+    else:
+        draws = []
+        assert "state, info = step(key, state)" in by_blackjax
+        code = by_blackjax + "\n    draws.append(state.position)"
+        exec(code, names | {"blackjax": blackjax, "draws": draws})
+        assert len(draws) == 500
+        found = {n: np.array([float(draw[n]) for draw in draws]) for n in draws[0]}
+    fit = cal.fit(data, profiles=False)
+    expected = {n: (fit.values[n], fit.standard_errors[n]) for n in ("chi", "eps_up")}
+    material = fit.materials[0]
+    of_noise = material.noise * (2 * material.residual_degrees) ** -0.5
+    for name, (value, size) in (expected | {"noise": (material.noise, of_noise)}).items():
+        deviation = size / value
+        error = deviation / float(az.ess(found[name][None])) ** 0.5
+        assert abs(np.mean(found[name]) - np.log(value)) < 5 * error + 0.25 * deviation
+        assert np.std(found[name]) == pytest.approx(deviation, rel=0.3)
 
 
 @pytest.mark.long
 def test_the_valley_of_sigma_and_psi_is_sampled():
     """10 points below yield and 20 above, noise 0.01: at most 0.5 % of the draws diverge."""
     check_converged(cal.fit(twin("stainless steel", noise=0.01), profiles=False).posterior(seed=0))
-
-
-@pytest.mark.long
-def test_the_ridge_of_drops_far_above_yield_is_sampled():
-    """χ̃ and ε_up only together: moments of a grid along the ridge; the statistics have the density's parts."""
-    data = drops(np.random.default_rng(0))
-    found = cal.fit(data, profiles=False).posterior(seed=0)
-    check_converged(found)
-    problem = cal.problem(data)
-    logit, log_chi = np.log(values_of(found, "eps_up")), np.log(values_of(found, "chi"))
-    logit = logit - np.log1p(-np.exp(logit))
-    x = np.linspace(np.min(logit) - 0.5, np.max(logit) + 1.0, 60)
-    ridge = np.polynomial.Polynomial.fit(logit, log_chi, 7)
-    off = 6 * np.std(log_chi - ridge(logit)) * np.linspace(-1, 1, 81)
-    y = ridge(x.clip(np.min(logit), np.max(logit)))[:, None] + off
-    theta = {"chi": np.exp(y), "eps_up": np.broadcast_to(1 / (1 + np.exp(-x[:, None])), y.shape)}
-    ln = np.array(jax.jit(jax.vmap(jax.vmap(problem.log_likelihood)))(theta))
-    ln += np.log(theta["eps_up"] * (1 - theta["eps_up"]))
-    ln -= 0.5 * ((y - np.log(problem.start["chi"])) / 3) ** 2
-    weight = np.exp(ln - np.max(ln))
-    weight /= np.sum(weight)
-    mean = np.sum(weight * y)
-    width = np.sum(weight * (y - mean) ** 2) ** 0.5
-    assert np.mean(log_chi) == pytest.approx(mean, abs=0.15 * width)
-    assert np.std(log_chi) == pytest.approx(width, rel=0.12)
-    statistics = found["sample_stats"]
-    expected = statistics["lp"] - statistics["log_prior"] - statistics["log_jacobian"]
-    at = {name: np.asarray(found["posterior"][name])[0, :50] for name in theta}
-    likelihood = np.asarray(jax.vmap(problem.log_likelihood)(at))
-    np.testing.assert_allclose(np.asarray(expected)[0, :50], likelihood, rtol=1e-9, atol=1e-9)
 
 
 # what is made of draws that were made here, against NumPy on the same draws
@@ -464,50 +372,68 @@ def test_curves_sensitivities_and_designs_are_over_the_draws(tmp_path):
     assert "on average over 16 draws of the posterior: Best shots: " in out
 
 
-# the command
+SAMPLER = {"inference_library": "blackjax", "inference_library_version": "1.2"}
+
+
+def of_two_sets(size, bad=False):
+    """Draws of two sets' ε and noise: mass at ε = 1, and a prior that says all; chains apart if bad."""
+    random, dims = np.random.default_rng(1), ("chain", "draw")
+    normal = random.standard_normal((4, 4, size))
+    apart = 0.02 * np.arange(4)[:, None] * bad
+    shares = {"prior_share": 0.57, "lower": 0.0, "upper": 1.0, "prior": "uniform, 0 to 1"}
+    draws = {
+        "restitution[balls 0]": (dims, 1 - 0.02 * np.abs(normal[0]), shares),
+        "restitution[balls 1]": (dims, 0.9 + 0.007 * normal[1], {"prior_share": 0.71}),
+        "noise[balls 0]": (dims, 0.02 + 0.001 * normal[2] + apart, {"prior_share": 0.69}),
+    }
+    energy = np.cumsum(normal[3], axis=1) if bad else normal[3]
+    about = SAMPLER | {"warmup": size, "seed": 3}
+    diverging = (dims, np.arange(4 * size).reshape(4, size) < bad)
+    return made(
+        posterior=xarray.Dataset(draws, attrs=about),
+        sample_stats=xarray.Dataset({"diverging": diverging, "energy": (dims, energy)}),
+    )
 
 
 def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_path, monkeypatch):
-    """Means of 12 to 0.0069: mass at ε = 1, and priors that say all and a part. Then few draws."""
-    noise = 0.02 * np.random.default_rng(2).standard_normal(12)
-    narrow, wide = (
-        f"[material.parameters]\nrestitution = {{ prior = [0.9, {u}] }}\n" for u in (1e-4, 0.01)
-    )
-    near_one, text = 0.999 + noise.clip(-1, 0.0008), ""
-    materials = (near_one, ""), (0.9 + noise, narrow), (0.9 + noise, wide)
-    for k, (values, more) in enumerate(materials):
-        rows = [f"{v},{e}" for v, e in enumerate(values, 1)]
+    text = ""
+    for k, noise in enumerate(0.02 * np.random.default_rng(2).standard_normal((2, 12))):
+        rows = [f"{v},{0.9 + e}" for v, e in enumerate(noise, 1)]
         (tmp_path / f"{k}.csv").write_text("velocity [m/s],restitution\n" + "\n".join(rows))
-        text += f'[[material]]\nname = "balls {k}"\ndata = "{k}.csv"\n{more}'
+        text += f'[[material]]\nname = "balls {k}"\ndata = "{k}.csv"\n'
     (tmp_path / "a.toml").write_text(text)
-    out, posterior, every = tmp_path / "results", cal.FitResult.posterior, []
+    out, signature, given = tmp_path / "results", inspect.signature(cal.FitResult.posterior), {}
 
-    def sampled(function):
-        monkeypatch.setattr(cal.FitResult, "posterior", function)
-        options = ("--law", "constant", "--posterior", "--no-profiles", "--out", out)
-        code, printed, err = run("fit", tmp_path / "a.toml", *options)
+    def sampled(draws, *count):
+        def posterior(*a, **k):
+            given.update(signature.bind(*a, **k).arguments)
+            return draws
+
+        monkeypatch.setattr(cal.FitResult, "posterior", posterior)
+        options = ("--law", "constant", "--seed", 3, "--no-profiles", "--out", out)
+        code, printed, err = run("fit", tmp_path / "a.toml", "--posterior", *count, *options)
         assert (code, err) == (0, "")
         report = (out / "report.md").read_text(encoding="utf-8")
         section = report[report.index("## Posterior") :]
         return printed, section, {x.split("**")[1]: x for x in section.splitlines() if "**" in x}
 
-    printed, section, warned = sampled(lambda *a, **k: every.append(posterior(*a, **k)) or every[0])
+    draws = of_two_sets(1000)
+    printed, section, warned = sampled(draws)
+    assert [given[name] for name in ("draws", "seed", "warmup")] == [1000, 3, 1000]
     assert {"posterior.nc", "posterior.png"} <= {path.name for path in out.iterdir()}
+    expected = np.asarray(draws["posterior"]["restitution[balls 1]"])
     with xarray.open_dataset(out / "posterior.nc", group="posterior", engine="h5netcdf") as found:
-        assert dict(found.sizes) == {"chain": 4, "draw": 1000}
-        draws = np.asarray(found["restitution[balls 2]"])
-    assert "4 chains of 1000 draws by NUTS (blackjax" in section
+        np.testing.assert_array_equal(found["restitution[balls 1]"], expected)
+    assert "4 chains of 1000 draws by NUTS (blackjax 1.2) after 1000 of warm-up" in section
     assert "Posterior:\n" in printed
     assert "posterior/prior width" in printed
     (_, _, ends, *_), *table = markdown_tables(section)[0]
     assert ends == "95 % interval"
-    rows = {row[0]: row for row in table}
-    _, stated, narrowed, *_ = rows
-    assert float(rows[narrowed][1].split(" ± ")[0]) == pytest.approx(np.mean(draws), abs=1e-4)
-    low, high = (float(end) for end in rows[narrowed][2].split(" … "))
-    assert [low, high] == pytest.approx(np.quantile(draws, [0.025, 0.975]), abs=1e-3)
-    for name, share in ((narrowed, 0.57), (stated, 1.0)):
-        assert float(rows[name][5]) == pytest.approx(share, rel=0.1)  # 1/√(1 + (0.01/0.0069)²)
+    first, row, third = table
+    assert float(row[1].split(" ± ")[0]) == pytest.approx(np.mean(expected), abs=1e-3)
+    low, high = (float(end) for end in row[2].split(" … "))
+    assert [low, high] == pytest.approx(np.quantile(expected, [0.025, 0.975]), abs=1e-3)
+    assert [first[5], row[5], third[5]] == ["0.57", "0.71", "0.69"]
     of_draws = {code for code, line in warned.items() if "(posterior)" in line}
     assert of_draws == {"mass-at-bound", "follows-prior"}
     assert printed.count("Warnings:") == section.count("## Warnings") == 1
@@ -518,9 +444,11 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
     ):
         assert what in warned[code]
         assert warned[code].count("restitution[") == 1
-    few = every[0].isel(draw=slice(8))
-    _, section, warned = sampled(lambda *_, **__: few)
-    assert {"r-hat", "effective-size"} <= set(warned)
+    _, section, warned = sampled(of_two_sets(100, bad=True), 100)
+    assert [given[name] for name in ("draws", "warmup")] == [100, 100]
+    assert {"r-hat", "effective-size", "divergences", "funnel"} <= set(warned)
+    assert "noise[balls 0]" in warned["r-hat"]
+    assert "1 of 400 draws diverged" in warned["divergences"]
     assert "conclude nothing from these draws" in section
 
 
@@ -532,10 +460,10 @@ ABSENT = (
 )
 
 
-def test_what_to_install_is_said_before_anything_is_fitted(result, monkeypatch, tmp_path):
+def test_what_to_install_is_said_before_anything_is_fitted(decay, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "blackjax", None)  # as where it was never installed
     with pytest.raises(ImportError) as caught:
-        result.posterior()
+        decay.posterior()
     assert str(caught.value) == ABSENT
     words = ("--objective", "model", "--posterior", "--out", tmp_path / "results")
     assert run("fit", *words) == (2, "", ABSENT + "\n")
