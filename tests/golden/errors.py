@@ -17,7 +17,7 @@ def two_materials(uncertainty=0.003):
     return [rebounds(uncertainty), hard]
 
 
-@scenario()
+@scenario
 def priors_and_bounds(numbers, folder):
     stated = {
         "prior": {"chi": cal.Parameter(prior=(1.0, 0.05))},
@@ -29,7 +29,7 @@ def priors_and_bounds(numbers, folder):
         record_fit(numbers, cal.fit(rebounds(), parameters=parameters, **QUICK), f"{name}: ")
 
 
-@scenario()
+@scenario
 def shared_and_pooled(numbers, folder):
     shared = {"psi": cal.Parameter(shared=True), "sigma": cal.Parameter(shared="both")}
     record_fit(numbers, cal.fit(two_materials(), parameters=shared, **QUICK), "shared: ")
@@ -43,7 +43,7 @@ def shared_and_pooled(numbers, folder):
     record_fit(numbers, result, "pooled: ", weighted=True)
 
 
-@scenario()
+@scenario
 def noise(numbers, folder):
     """Stated, unknown, extra and scaled: with profiles, bands, predictions and leave-one-out."""
     cases = {
@@ -75,7 +75,7 @@ def record_left_out(numbers, left, name, weighted=False):
     numbers.error(f"{name}, elpd and its error", [left.elpd, left.elpd_se], 0.1 * left.elpd_se)
 
 
-@scenario()
+@scenario
 def groups(numbers, folder):
     """Four specimens with offsets."""
     velocity, restitution = simulated.rebounds(noise=0.002)
@@ -91,7 +91,7 @@ def groups(numbers, folder):
         record_left_out(numbers, result.leave_one_out(), f"{name}: left out", weighted=True)
 
 
-@scenario()
+@scenario
 def bounce_trains(numbers, folder):
     """Times of bounces, with their error unknown and stated."""
     times, launch = simulated.bounces()
@@ -107,7 +107,7 @@ def bounce_trains(numbers, folder):
         record_band(numbers, result.band([2.0, 3.0]), f"{name}: band", weighted=True)
 
 
-@scenario()
+@scenario
 def flights_in_air(numbers, folder):
     """A 6 mm nylon ball in air of two densities, by heights and by flight times."""
     tables = {
@@ -123,7 +123,7 @@ def flights_in_air(numbers, folder):
             numbers.physics(f"{name}, {air} kg/m³: by drag", data.errors.by_drag)
 
 
-@scenario()
+@scenario
 def repeats(numbers, folder):
     """Three shots at each of eight velocities, pooled."""
     velocity = np.repeat(simulated.around_yield()[::3], 3)
@@ -135,7 +135,7 @@ def repeats(numbers, folder):
     record_fit(numbers, cal.fit(data, **QUICK), weighted=True)
 
 
-@scenario()
+@scenario
 def velocity_errors(numbers, folder):
     """Each velocity to 3 %, by impact and rebound velocity and alone."""
     velocity, restitution = simulated.rebounds()
@@ -152,7 +152,7 @@ def velocity_errors(numbers, folder):
     record_fit(numbers, cal.fit(both, **QUICK), "both: ", weighted=True)
 
 
-@scenario()
+@scenario
 def two_step(numbers, folder):
     """The paper's procedure on scattered data of two materials, and the line through them."""
     result = cal.fit(two_materials(), objective="two-step", starts=8)
@@ -165,7 +165,7 @@ def two_step(numbers, folder):
         numbers.error(f"line: {name} error", found.standard_error, found.standard_error)
 
 
-@scenario()
+@scenario
 def likelihood(numbers, folder):
     """ln L, ln prior and residuals at given parameters, with stated errors."""
     problem = cal.problem(rebounds(), None, {"chi": cal.Parameter(prior=(1.0, 0.3))})
@@ -175,7 +175,7 @@ def likelihood(numbers, folder):
     numbers.physics("stated: ln prior", problem.log_prior(at))
 
 
-@scenario()
+@scenario
 def refits(numbers, folder):
     """A bootstrap by its seed."""
     found = plain_fit().bootstrap(40, seed=5)

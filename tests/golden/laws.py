@@ -20,7 +20,7 @@ from tests.golden.cases import (
 from tests.golden.numbers import scenario
 
 
-@scenario()
+@scenario
 def built_in_laws(numbers, folder):
     """Each built-in law fitted to data of its own kind."""
     pair = simulated.equal_spheres(simulated.ALLOY)
@@ -92,7 +92,7 @@ def learned_law(numbers, folder):
     record_band(numbers, result.band([0.02, 0.3, 4.0]), "band")
 
 
-@scenario()
+@scenario
 def link_over_materials(numbers, folder):
     """Eq. (18) as a function law on two sets with shared coefficients."""
     hard = rebounds(name="harder", material=simulated.HARDER, chi=0.9, seed=2)

@@ -1,13 +1,13 @@
 """Numbers of one scenario with a mark and a tolerance each; kept as JSON, compared one by one."""
 
 import json
-import math
 import re
 from collections.abc import Callable, Iterator
 from decimal import Decimal
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,9 +36,11 @@ class Numbers:
         """A standard error, an end of an interval or band, or what weights by errors decide."""
         self._add(ERROR, name, value, OF_ERROR[ERROR] * _array(error))
 
-    def text(self, mark: str, name: str, value: str) -> None:
+    def text(self, mark: str, name: str, entry: Any) -> None:
         """Words; printed numbers among them are compared to one unit of their last digit."""
-        self._once(mark, name, value)
+        if name in self.table[mark]:
+            raise KeyError(f"{name!r} stands twice")
+        self.table[mark][name] = entry
 
     def printed(self, name: str, cells: list[str]) -> None:
         """The numbers in a row of a table: `a ± b` is an estimate and its error, others count as errors."""
@@ -52,33 +54,28 @@ class Numbers:
                 self.text(mark, f"{name}, {mark}s", " ".join(some))
 
     def _add(self, mark: str, name: str, value: Any, tolerance: np.ndarray) -> None:
-        rounding = 1e-12 * np.abs(_array(value))
+        value = _array(value)
+        rounding = 1e-12 * np.abs(value)
         known = np.where(np.isfinite(tolerance), np.maximum(tolerance, rounding), rounding)
-        allowed = _plain(np.broadcast_to(known, np.shape(value)), "%.1e")
-        same = len(set(_flat(allowed))) == 1
-        self._once(mark, name, [_plain(_array(value)), _flat(allowed)[0] if same else allowed])
-
-    def _once(self, mark: str, name: str, entry: Any) -> None:
-        if name in self.table[mark]:
-            raise KeyError(f"{name!r} stands twice")
-        self.table[mark][name] = entry
+        allowed = np.broadcast_to(known, value.shape)
+        every = {_plain(one, "%.1e") for one in allowed.ravel()}
+        same = every.pop() if len(every) == 1 else _plain(allowed, "%.1e")
+        self.text(mark, name, [_plain(value), same])
 
 
-class Scenario:
+class Scenario(NamedTuple):
     """A case: `run(numbers, folder)` records what it finds; `long` where it takes long."""
 
-    def __init__(self, run: Callable[[Numbers, Path], None], long: bool):
-        self.run, self.long = run, long
+    run: Callable[[Numbers, Path], None]
+    long: bool
 
 
-def scenario(long: bool = False) -> Callable:
+def scenario(run: Callable | None = None, *, long: bool = False) -> Callable:
     """Make a function a scenario under its own name."""
-
-    def added(run):
-        SCENARIOS[run.__name__] = Scenario(run, long)
-        return run
-
-    return added
+    if run is None:
+        return partial(scenario, long=long)
+    SCENARIOS[run.__name__] = Scenario(run, long)
+    return run
 
 
 def differences(old: dict, new: dict) -> list[str]:
@@ -110,16 +107,13 @@ def _differences(old: Any, new: Any) -> Iterator[str]:
     elif isinstance(old, str) or isinstance(new, str):
         if not _same_print(old, new):
             yield f"was {old}, is {new}"
+    elif np.shape(old[0]) != np.shape(new[0]):
+        yield f"was {old[0]}, is {new[0]}"
     else:
-        (before, tolerance), (after, _) = old, new
-        if np.shape(before) != np.shape(after):
-            yield f"was {before}, is {after}"
-            return
-        allowed = np.broadcast_to(tolerance, np.shape(before)).ravel().tolist()
-        for k, (a, b, most) in enumerate(zip(_flat(before), _flat(after), allowed, strict=True)):
-            if (a is None) != (b is None) or (a is not None and abs(b - a) > most):
-                place = f"[{k}] " if isinstance(before, list) else ""
-                yield f"{place}was {a!r}, is {b!r}, tolerance {most!r}"
+        before, tolerance, after = (np.array(x, float) for x in (*old, new[0]))  # NaN for None
+        moved = (np.isnan(before) != np.isnan(after)) | (np.abs(after - before) > tolerance)
+        for at in map(tuple, np.argwhere(moved)):
+            yield f"{[*map(int, at)]} was {before[at]:.15g}, is {after[at]:.15g}"
 
 
 def _same_print(old: Any, new: Any) -> bool:
@@ -146,14 +140,7 @@ def _plain(array: np.ndarray, form: str = "%.15g") -> Any:
     """Nested lists of rounded numbers, None where there is none."""
     if array.ndim:
         return [_plain(part, form) for part in array]
-    value = float(array)
-    return float(form % value) if math.isfinite(value) else None
-
-
-def _flat(nested: Any) -> list:
-    if not isinstance(nested, list):
-        return [nested]
-    return [value for part in nested for value in _flat(part)]
+    return float(form % array) if np.isfinite(array) else None
 
 
 def to_text(table: dict) -> str:

@@ -12,7 +12,7 @@ SHOTS = [0.02, 0.06, 0.1, 0.3, 1.0, 5.0]
 NAMED = ("chi", "sigma", "psi")
 
 
-@scenario()
+@scenario
 def comparison(numbers, folder):
     """Ranking, ln L, AIC and elpd of four laws."""
     laws = ["zhou", "thornton", "viscoelastic", "constant"]
@@ -26,7 +26,7 @@ def comparison(numbers, folder):
         numbers.error(f"{label}: elpd", [left.elpd, left.elpd_se], 0.1 * left.elpd_se)
 
 
-@scenario()
+@scenario
 def information(numbers, folder):
     """Of a law, of a law with a prior, and of further shots of a fit."""
     law = sj.Zhou(contact(), *LAW)
@@ -45,7 +45,7 @@ def information(numbers, folder):
             numbers.error(f"{name}: {parameter}", error, error)
 
 
-@scenario()
+@scenario
 def designs(numbers, folder):
     """Where to measure next, by three criteria."""
     law = sj.Zhou(contact(), *LAW)
