@@ -174,15 +174,17 @@ def test_one_header_serves_all_sizes_and_where_nothing_rebounds_the_bodies_stay_
     assert subprocess.run([program]).returncode == 0
 
 
-@pytest.mark.parametrize("name", [*LAWS, "kinked"])
-def test_it_compiles_by_itself_without_a_warning(name, tmp_path, header):
-    """In single precision; in C included twice, and beside another of another prefix."""
-    text = header(KINKED if name == "kinked" else LAWS[name])
-    single, other = f"#define SOFTJAX_REAL float\n{text}", header(DAMPED["linear"], prefix="nylon")
+def test_headers_compile_by_themselves_without_a_warning(tmp_path, header):
+    """In single precision; in C included twice, and beside others of other prefixes."""
+    text = ""
+    for k, law in enumerate((*LAWS.values(), KINKED)):
+        of_law = header(law).replace("softjax", f"law{k}").replace("SOFTJAX", f"LAW{k}")
+        text += f"#define LAW{k}_REAL float\n{of_law}"
+    other = header(DAMPED["linear"], prefix="nylon")
     assert "nylon_force(" in other
     assert "softjax" not in other.lower()
-    assert compiler_says(single + text + other + other, "c", tmp_path) == ""
-    assert compiler_says(single, "c++", tmp_path) == ""
+    assert compiler_says(text + other + other, "c", tmp_path) == ""
+    assert compiler_says(text, "c++", tmp_path) == ""
 
 
 def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
