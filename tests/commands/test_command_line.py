@@ -7,10 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-import calibration as cal
 import softjax as sj
 from calibration import cli
-from tests.cases import fitted
 from tests.command import noisy, run, write_alloy
 
 CONSTANT = "curve nylon --law constant"
@@ -101,17 +99,10 @@ REFUSED = {
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory):
+def files(tmp_path_factory, above_yield):
     """A material file, and a fit that determines nothing below first yield."""
-    folder, law = tmp_path_factory.mktemp("given"), fitted("nylon")
-    v = np.geomspace(1.5, 60.0, 24)
-    e = np.asarray(sj.restitution(law, v).coefficient)
-    e = e + 0.003 * np.random.default_rng(4).normal(size=24)
-    result = cal.fit(
-        cal.RestitutionData(v, e, law.contact, 0.003, name="nylon"), profiles=False, starts=4
-    )
-    result.save(folder / "fit.json")
-    return {"ALLOY": str(write_alloy(folder)), "FIT": str(folder / "fit.json"), "EMPTY": ""}
+    alloy = write_alloy(tmp_path_factory.mktemp("given"))
+    return {"ALLOY": str(alloy), "FIT": above_yield[1], "EMPTY": ""}
 
 
 def exit_code(argv) -> int:
@@ -171,33 +162,30 @@ def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, caps
     assert not (at / "results").exists()
 
 
+ZHOU = sj.Zhou(noisy().contact, 0.2, 1.0, 0.5)
+OTHER = "--law thornton"
+
+
 @pytest.mark.parametrize(
-    ("below", "more"),
+    ("below", "more", "law"),
     [
-        ("chi = { value = 0.1 }", ("--chi", 0.2)),
-        ("chi = 0.2", ()),
-        ("chi = { value = 0.2, free = false }", ()),
+        ("chi = { value = 0.1 }", "--chi 0.2 --sigma 1 --psi 0.5", ZHOU),
+        ("chi = 0.2", "--sigma 1 --psi 0.5", ZHOU),
+        ("chi = { value = 0.2, free = false }", "--sigma 1 --psi 0.5", ZHOU),
+        (
+            "yield_factor = { value = 1.2 }",
+            f"{OTHER} {FACTOR[:-1]}1.2",
+            sj.Thornton(ZHOU.contact, 1.2),
+        ),
+        ("chi = { value = 0.1 }", OTHER, sj.Thornton(ZHOU.contact)),  # another law's
     ],
 )
-def test_a_value_that_is_fixed_or_given_is_taken(below, more, at):
-    words = ("--sigma", 1, "--psi", 0.5, "--from", 2, "--to", 20, "--points", 5, "--format", "csv")
-    assert run("curve", write_alloy(at, below=below), *more, *words, "--out", "results")[0] == 0
+def test_a_value_that_is_fixed_or_given_is_taken(below, more, law, at):
+    words = ("--from", 2, "--to", 20, "--points", 5, "--format", "csv", "--out", "results")
+    assert run("curve", write_alloy(at, below=below), *more.split(), *words)[0] == 0
     rows = np.loadtxt(at / "results/curve.csv", delimiter=",", skiprows=1, usecols=(0, 1))
-    velocity, coefficient = rows.T
-    law = sj.Zhou(noisy().contact, 0.2, 1.0, 0.5)
-    expected = sj.restitution(law, velocity).coefficient
-    np.testing.assert_allclose(coefficient, expected, rtol=1e-12)
-
-
-def test_what_another_law_leaves_free_is_no_matter(at):
-    for below, more in (
-        ("yield_factor = { value = 1.2 }", ("--set", "yield_factor=1.2")),
-        ("chi = { value = 0.1 }", ()),
-    ):
-        file = write_alloy(at, below=below)
-        assert (
-            run("curve", file, "--law", "thornton", *more, "--points", 5, "--format", "csv")[0] == 0
-        )
+    expected = sj.restitution(law, rows[:, 0]).coefficient
+    np.testing.assert_allclose(rows[:, 1], expected, rtol=1e-12)
 
 
 # the command line itself

@@ -3,7 +3,6 @@
 import pytest
 
 from tests.command import run, write_alloy
-from tests.shown.capture import drawn
 
 # all that a command may write, whichever command it is
 RESULTS = (
@@ -61,8 +60,7 @@ def test_only_what_is_written_again_changes(name, alloy, tmp_path):
         (out / one).parent.mkdir(parents=True, exist_ok=True)
         (out / one).write_text(f"old {one}")
     words = [str(alloy) if word == "ALLOY" else word for word in words]
-    with drawn():
-        code, printed, error = run("--no-cache", *words, "--out", out)
+    code, printed, error = run("--no-cache", *words, "--out", out)
     assert code == 0, error
     line = f"Written to {out}: {', '.join(sorted(expected))}\n"
     assert printed.endswith(line)
@@ -86,6 +84,5 @@ def test_what_this_run_did_not_write_is_named(name, alloy, tmp_path):
     for one in ("notes.txt", *line.partition(": not")[2].split(": ")[-1].split(", ")):
         (tmp_path / one).write_text("old")
     words = [str(alloy) if word == "ALLOY" else word for word in COMMANDS[name][0]]
-    with drawn():
-        assert run(*words, "--out", tmp_path)[2] == f"softjax {line}\n"
-        assert run(*words, "--out", tmp_path, "--quiet")[2] == ""
+    assert run(*words, "--out", tmp_path)[2] == f"softjax {line}\n"
+    assert run(*words, "--out", tmp_path, "--quiet")[2] == ""

@@ -12,17 +12,9 @@ import softjax as sj
 from calibration.cli import main
 from tests.command import BODIES
 from tests.fit_data import twin
-from tests.shown.capture import drawn
 
 DESIGN = ("nylon", "--study", "design", "--from", "2", "--to", "60", "--shots", "6")
 GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
-
-
-@pytest.fixture(autouse=True)
-def without_drawing():
-    """Pictures are named and not drawn: what they show is tested elsewhere."""
-    with drawn():
-        yield
 
 
 def saved(*options: str) -> dict:
