@@ -23,6 +23,7 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 import jax
 
 import softjax as sj
+from tests.command import write_alloy
 
 sj.enable_x64()
 gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
@@ -78,3 +79,10 @@ def at(tmp_path, monkeypatch):
     """A directory to work in."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def quick(tmp_path_factory):
+    """A material file that is soon fitted."""
+    folder = tmp_path_factory.mktemp("quick")
+    return write_alloy(folder, 'law = "constant"\nprofiles = false')

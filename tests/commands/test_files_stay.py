@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.command import run, write_alloy
+from tests.command import run
 
 # all that a command may write, whichever command it is
 RESULTS = (
@@ -44,14 +44,8 @@ COMMANDS = {
 }
 
 
-@pytest.fixture(scope="module")
-def alloy(tmp_path_factory):
-    """A material file that is soon fitted."""
-    return write_alloy(tmp_path_factory.mktemp("alloy"), 'law = "constant"\nprofiles = false')
-
-
 @pytest.mark.parametrize("name", COMMANDS)
-def test_only_what_is_written_again_changes(name, alloy, tmp_path):
+def test_only_what_is_written_again_changes(name, quick, tmp_path):
     """Fails where a command removes what an earlier one wrote, or what is the user's own."""
     words, expected = COMMANDS[name]
     out = tmp_path / "results"
@@ -59,7 +53,7 @@ def test_only_what_is_written_again_changes(name, alloy, tmp_path):
     for one in every:
         (out / one).parent.mkdir(parents=True, exist_ok=True)
         (out / one).write_text(f"old {one}")
-    words = [str(alloy) if word == "ALLOY" else word for word in words]
+    words = [str(quick) if word == "ALLOY" else word for word in words]
     code, printed, error = run("--no-cache", *words, "--out", out)
     assert code == 0, error
     line = f"Written to {out}: {', '.join(sorted(expected))}\n"
@@ -78,11 +72,11 @@ FEWER = {
 
 
 @pytest.mark.parametrize("name", FEWER)
-def test_what_this_run_did_not_write_is_named(name, alloy, tmp_path):
+def test_what_this_run_did_not_write_is_named(name, quick, tmp_path):
     """One line for results of another run that look like this one's; the user's own are no matter."""
     line = FEWER[name].replace("OUT", str(tmp_path))
     for one in ("notes.txt", *line.partition(": not")[2].split(": ")[-1].split(", ")):
         (tmp_path / one).write_text("old")
-    words = [str(alloy) if word == "ALLOY" else word for word in COMMANDS[name][0]]
+    words = [str(quick) if word == "ALLOY" else word for word in COMMANDS[name][0]]
     assert run(*words, "--out", tmp_path)[2] == f"softjax {line}\n"
     assert run(*words, "--out", tmp_path, "--quiet")[2] == ""

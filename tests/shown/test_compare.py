@@ -1,6 +1,7 @@
 """`softjax compare`: its table, its files and its picture."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,8 +9,8 @@ from matplotlib.colors import to_hex
 
 from tests.shown.capture import legend, line
 from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
-from tests.shown.tables import cells, terminal_table
-from tests.shown.test_fit import EPSILON, SPEED, best, curve
+from tests.shown.tables import terminal_table
+from tests.shown.test_fit import EPSILON, SPEED, axes_of, best, curve
 
 HEADER = ["law", "elpd", "Δelpd", "weight", "LOO rms", "rms", "AIC", "BIC", "k"]
 
@@ -28,10 +29,10 @@ def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
     header, *rows = terminal_table(compared.out, "law  ")
     assert header == HEADER
     assert compared.code == 0
-    entries = ranking(compared)
+    entries, laws = ranking(compared), {}
     for row, entry in zip(rows, entries, strict=True):
         behind = f"{score(entry['delta_elpd'])} ± {score(entry['delta_elpd_standard_error'])}"
-        expected = [
+        assert row == [
             entry["label"],
             score(entry["elpd"]),
             (behind + " tie" * entry["tie"]) if entry["delta_elpd"] else "best",
@@ -42,20 +43,17 @@ def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
             score(entry["bic"]),
             str(entry["fitted_parameters"]),
         ]
-        assert row == expected
-    elpd = [entry["elpd"] for entry in entries]
-    assert elpd == sorted(elpd, reverse=True)
-    text, laws = " ".join(compared.out.split()), {}
-    for entry in entries:
         for code in dict.fromkeys(warning["code"] for warning in entry["warnings"]):
             laws.setdefault(code, []).append(entry["label"])
+    elpd = [entry["elpd"] for entry in entries]
+    assert elpd == sorted(elpd, reverse=True)
     assert "model-misfit" in laws
+    text = " ".join(compared.out.split())
     for code, names in laws.items():  # each once, with the laws that have it
         assert f"! {code}: {'; '.join(names)}." in text
     assert "Only `softjax fit` uses these entries of the file: profiles" in text
     assert all(len(line) <= 100 for line in compared.out.partition("\nWritten")[0].splitlines())
-    made = ranking(compared)[0]
-    x, covariance, chi_squared = best()
+    made, (x, covariance, chi_squared) = entries[0], best()
     log_likelihood = -0.5 * chi_squared - 24 * np.log(0.01 * np.sqrt(2 * np.pi))
     assert made["law"] == "walton-braun"
     assert made["aic"] == pytest.approx(4 - 2 * log_likelihood, abs=1e-6)
@@ -67,20 +65,15 @@ def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
     assert growth["value"] == pytest.approx(x[1] * scale, rel=1e-5)
     assert growth["standard_error"] == pytest.approx(np.sqrt(covariance[1, 1]) * scale, rel=1e-3)
     assert (growth["unit"], k1["unit"], k1["free"]) == ("1/m", "N/m", False)
-    lines = [line for line in compared.out.splitlines() if line.startswith("Walton–Braun")]
-    (fitted,) = (cells(line)[1] for line in lines if len(cells(line)) == 2)
-    growth = ranking(compared)[0]["parameters"]["growth"]["standard_error"]
-    assert fitted.endswith(f"± {growth:.2g} 1/m")
-    assert fitted.startswith("k20 ")
+    fitted = f"Walton–Braun +k20 .* ± {growth['standard_error']:.2g} 1/m$"
+    assert re.search(fitted, compared.out, re.M)
 
 
 def test_each_law_has_its_curve_in_the_picture(compared):
     figure = compared.figures["compare.png"]
     upper, lower = figure.axes
-    shown_axes = [
-        (a.get_title(), a.get_xlabel(), a.get_ylabel(), a.get_xscale()) for a in figure.axes
-    ]
-    assert shown_axes == [("alloy", "", EPSILON, "log"), ("", SPEED, f"{EPSILON}, enlarged", "log")]
+    expected = [("alloy", "", EPSILON, "log"), ("", SPEED, f"{EPSILON}, enlarged", "log")]
+    assert axes_of(figure) == expected
     named = [line for line in upper.get_lines() if not line.get_label().startswith("_")]
     labels = [e["label"] for e in ranking(compared)]
     assert sorted(line.get_label() for line in named) == sorted(labels)
@@ -117,7 +110,6 @@ def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path
     value = {n: entries[n]["parameters"]["restitution"]["value"] for n in ("linear", "constant")}
     angle = np.arctan2(np.pi, -np.log(value["linear"]))
     assert np.exp(-2 * angle / np.tan(angle)) == pytest.approx(value["constant"], rel=1e-5)
-    assert value["linear"] < value["constant"] - 1e-4
     names = legend(made.figures["compare.png"])
     assert sum("\n= " in name for name in names) == 1
     assert len(names) == 4  # data, the shared line, two of Thornton's
@@ -135,13 +127,12 @@ def test_exact_data_have_no_scores_and_a_fit_that_did_not_converge_is_named(tmp_
     exact = shown(tmp_path, "compare", path, "--laws", "constant,hertz", quiet=True)
     entry = ranking(exact)[0]
     assert entry["law"] == "constant"
-    assert [entry[name] for name in ("elpd", "delta_elpd", "tie", "weight", "aic", "bic")] == [
-        None
-    ] * 6
+    names = ("elpd", "delta_elpd", "tie", "weight", "aic", "bic")
+    assert {entry[name] for name in names} == {None}
     assert "NaN" not in exact.text("compare.json")
     assert exact.out == ""
-    few = ("--laws", "walton-braun,hertz", "--max-steps", "1")
-    made = shown(tmp_path, "compare", write(tmp_path), *few)
+    laws = "walton-braun,hertz"
+    made = shown(tmp_path, "compare", write(tmp_path), "--laws", laws, "--max-steps", "1")
     assert made.code == 1
     assert "compare: did not converge: Walton–Braun (alloy); the results" in made.err
     assert "Walton–Braun (NOT CONVERGED)" in made.out

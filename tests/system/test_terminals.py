@@ -9,11 +9,8 @@ import select
 import subprocess
 import sys
 
-import pytest
-
 import calibration as cal
 from calibration import cli
-from tests.command import write_alloy
 from tests.shown.capture import drawn
 
 
@@ -26,29 +23,24 @@ class Screen(io.StringIO):
         return True
 
 
-@pytest.fixture(scope="module")
-def alloy(tmp_path_factory):
-    return write_alloy(tmp_path_factory.mktemp("alloy"), 'law = "constant"\nprofiles = false')
-
-
-def shown(monkeypatch, tmp_path, alloy, columns=None, term="xterm", out=None, error=None, *words):
+def shown(monkeypatch, tmp_path, quick, columns=None, term="xterm", out=None, error=None, *words):
     """What a fit writes to standard output and standard error."""
     monkeypatch.setenv("TERM", term)
     if columns is not None:
         monkeypatch.setenv("COLUMNS", str(columns))
     out, error = out or Screen(), error or Screen()
     with drawn(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-        code = cli.main(["fit", str(alloy), "--no-cache", "--out", str(tmp_path / "r"), *words])
+        code = cli.main(["fit", str(quick), "--no-cache", "--out", str(tmp_path / "r"), *words])
     assert code == 0
     return out.getvalue(), error.getvalue()
 
 
 def test_no_line_is_wider_than_the_terminal_and_progress_is_for_terminals(
-    monkeypatch, tmp_path, alloy
+    monkeypatch, tmp_path, quick
 ):
     """Every word of a wide one is there; without going back a line a stage, in a pipe or when quiet nothing."""
     plain = re.compile(r"\x1b\[[0-9;]*m")
-    texts = {n: plain.sub("", shown(monkeypatch, tmp_path, alloy, n)[0]) for n in (50, 70, 200)}
+    texts = {n: plain.sub("", shown(monkeypatch, tmp_path, quick, n)[0]) for n in (50, 70, 200)}
     for columns, text in texts.items():
         report = text.partition(str(tmp_path))[0].splitlines()[:-1]  # a path is as long as it is
         assert max(map(len, report)) <= columns
@@ -57,16 +49,16 @@ def test_no_line_is_wider_than_the_terminal_and_progress_is_for_terminals(
     assert words[200] <= words[70]
     assert all("0.9563 ± 0.0020" in text for text in texts.values())  # mean and s/√24 of the points
     assert texts[50] != texts[200]
-    able = shown(monkeypatch, tmp_path, alloy)[1]
+    able = shown(monkeypatch, tmp_path, quick)[1]
     assert able.startswith("softjax fit: loading")
     assert "\r" in able
-    dumb = shown(monkeypatch, tmp_path, alloy, term="dumb")[1]
+    dumb = shown(monkeypatch, tmp_path, quick, term="dumb")[1]
     assert dumb.startswith("softjax fit: loading")
     assert len(dumb.splitlines()) > 1
     assert "\r" not in dumb
     assert "\x1b" not in dumb
-    assert shown(monkeypatch, tmp_path, alloy, error=io.StringIO())[1] == ""
-    quiet = shown(monkeypatch, tmp_path, alloy, None, "xterm", None, None, "--quiet")
+    assert shown(monkeypatch, tmp_path, quick, error=io.StringIO())[1] == ""
+    quiet = shown(monkeypatch, tmp_path, quick, None, "xterm", None, None, "--quiet")
     assert quiet == ("", "")
 
 

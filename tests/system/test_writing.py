@@ -38,20 +38,14 @@ def files_of_at_most(size):
         jax.config.update("jax_persistent_cache_min_compile_time_secs", before)
 
 
-@pytest.fixture(scope="module")
-def alloy(tmp_path_factory):
-    """A material file that is soon fitted."""
-    return write_alloy(tmp_path_factory.mktemp("alloy"), 'law = "constant"\nprofiles = false')
-
-
 @pytest.mark.parametrize("most", [500, 20_000])
-def test_a_full_disk_costs_the_files_and_not_the_report(most, alloy, tmp_path):
+def test_a_full_disk_costs_the_files_and_not_the_report(most, quick, tmp_path):
     """The first file is the larger of both, the picture the other."""
     out = tmp_path / "results"
     out.mkdir()
     (out / "fit.json").write_text("old")
     with files_of_at_most(most):
-        code, printed, error = run("--no-cache", "fit", alloy, "--out", out)
+        code, printed, error = run("--no-cache", "fit", quick, "--out", out)
     assert code == 3
     assert error == f"softjax: {str(out)!r} could not be written to (File too large)\n"
     assert "my alloy" in printed
@@ -68,8 +62,8 @@ def test_a_full_disk_costs_the_files_and_not_the_report(most, alloy, tmp_path):
         (["sensitivity", *CONSTANT], "0.80000"),
     ],
 )
-def test_other_commands_tell_what_they_found(words, found, alloy, tmp_path):
-    words = [str(alloy) if word == "ALLOY" else word for word in words]
+def test_other_commands_tell_what_they_found(words, found, quick, tmp_path):
+    words = [str(quick) if word == "ALLOY" else word for word in words]
     with files_of_at_most(100):
         code, printed, error = run("--no-cache", *words, "--out", tmp_path / "results")
     assert (code, error.count("\n")) == (3, 1)
@@ -119,16 +113,14 @@ def without_rights():
 
 
 def test_a_folder_without_permission(tmp_path):
-    """Refused before anything is fitted."""
-    file = write_alloy(tmp_path, 'law = "constant"\nprofiles = false')
+    """Refused before anything is computed."""
     for folder in [tmp_path, *list(tmp_path.parents)[:-2]]:
         if folder.owner() == tmp_path.owner():
             folder.chmod(0o755)
     (tmp_path / "closed").mkdir(0o555)
     with without_rights():
-        code, printed, error = run(
-            "--no-cache", "fit", file, "--out", tmp_path / "closed" / "results"
-        )
+        out = tmp_path / "closed" / "results"
+        code, printed, error = run("--no-cache", *CURVE, "--out", out)
     assert (code, printed, error.count("\n")) == (3, "", 1)
     assert "permission" in error.lower()
     assert str(tmp_path / "closed") in error
@@ -204,14 +196,14 @@ def raising(error):
 
 
 @pytest.mark.parametrize("kind", [np.linalg.LinAlgError, ValueError])
-def test_what_fails_inside_a_fit_is_not_told_as_the_users_input(kind, alloy, tmp_path, monkeypatch):
+def test_what_fails_inside_a_fit_is_not_told_as_the_users_input(kind, quick, tmp_path, monkeypatch):
     """Any ValueError within, LinAlgError is one, was one line, exit code 2 and "nothing was fitted"."""
     failing = raising(kind("did not converge"))
     for name in ("inv", "pinv", "solve", "svd", "qr", "eigh", "cholesky", "lstsq"):
         monkeypatch.setattr(np.linalg, name, failing)
     for name in ("solve_triangular", "cho_factor", "cho_solve", "cholesky"):
         monkeypatch.setattr(scipy.linalg, name, failing)
-    code, _, error = run("--no-cache", "fit", alloy, "--out", tmp_path / "results")
+    code, _, error = run("--no-cache", "fit", quick, "--out", tmp_path / "results")
     assert code == 70
     assert error.startswith("Traceback (most recent call last):\n")
     assert error.endswith(f"{kind.__name__}: did not converge\n{INTERNAL}")
