@@ -1,7 +1,5 @@
 """Fields that all impacts share: a network's weights and a table's knots beside numbers of each impact."""
 
-import itertools
-
 import diffrax
 import equinox as eqx
 import jax
@@ -137,11 +135,11 @@ TABLE = Tabled(STEEL, KNOTS, HEIGHTS)
 NETWORK = Networked(STEEL, eqx.nn.MLP(2, "scalar", 8, 1, jax.nn.softplus, key=jax.random.key(0)))
 
 
-def by_gauss(law):
-    """ε² = P_m δ_m/(M v²) 2 ∫ of the shares, over `VELOCITY`; δ_m where δ² (1 + 2 b δ/3) = M v²/k, by Viète."""
+def by_gauss(law, velocity=VELOCITY):
+    """ε² = P_m δ_m/(M v²) 2 ∫ of the shares; δ_m where δ² (1 + 2 b δ/3) = M v²/k, by Viète."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     over = jax.vmap(jax.vmap(law.share, (0, None)), (None, 0))
-    bend, straight = law.stiffening() / 1e-3, VELOCITY * PACE
+    bend, straight = law.stiffening() / 1e-3, velocity * PACE
     part = 2 / np.sqrt(3) * jnp.cos(jnp.arccos(np.sqrt(3) * bend * straight) / 3)
     returned = (1 + bend * straight / part) / part**2
     return jnp.sqrt(returned * (over(0.5 * (nodes + 1), straight / part) @ weights))
@@ -156,15 +154,6 @@ def test_a_table_whatever_the_batch():
         off = np.abs(np.asarray(result.coefficient) ** 2 - exact)
         assert np.all((off < 1e-9) | (np.asarray(result.status) & sj.Status.INEXACT > 0))
         assert np.all(off < 1e-3)
-
-
-@LONG
-def test_slopes_of_a_shared_table():
-    """∂ε²/∂h = the widths beside each knot; the kinks are not declared: what a quadrature across them leaves over."""
-    slopes = jax.grad(lambda law: (sj.restitution(law, VELOCITY).coefficient ** 2).sum())(TABLE)
-    width = np.diff(KNOTS)
-    exact = len(VELOCITY) * (np.append(0.0, width) + np.append(width, 0.0))
-    assert np.allclose(slopes.heights, exact, rtol=0, atol=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -195,87 +184,63 @@ def test_a_network(route):
 
 def gradient_and_hessian(f):
     """In one program."""
-
-    def gradients(x):
-        first = jax.jacrev(f)(x)
-        return first, first
-
-    def both(x):
-        second, first = jax.jacfwd(gradients, has_aux=True)(x)
-        return first, second
-
-    return both
-
-
-DERIVATIVES = {"jacfwd": jax.jacfwd, "jacrev": jax.jacrev, "hessian": gradient_and_hessian}
+    gradients = lambda x: (jax.jacrev(f)(x),) * 2  # noqa: E731
+    return jax.jacfwd(gradients, has_aux=True)
 
 
 @pytest.mark.parametrize(
-    ("count", "mode", "stacked"),
-    [
-        pytest.param(*case, marks=() if case == (8, "hessian", False) else LONG)
-        for case in itertools.product((8, 128), DERIVATIVES, (True, False))
-    ],
+    ("count", "stacked"),
+    [(8, False), *(pytest.param(n, True, marks=LONG) for n in (8, 128))],
 )
-def test_derivatives_by_every_weight(count, mode, stacked):
+def test_derivatives_by_every_weight(count, stacked):
     """Of ε by the equation of motion, against those of Gauss's rule; of several networks under `vmap`."""
-
+    velocity = VELOCITY if stacked else VELOCITY[1]
     route = sj.ODE() if stacked else sj.ODE(rtol=1e-9, solver="bosh3")  # some hundred steps
 
     def total(weights):
-        return sj.restitution(Layered(STEEL, weights), VELOCITY, route).coefficient.sum()
+        return sj.restitution(Layered(STEEL, weights), velocity, route).coefficient.sum()
 
     def exact(weights):
-        return by_gauss(Layered(STEEL, weights)).sum()
+        return by_gauss(Layered(STEEL, weights), np.atleast_1d(velocity)).sum()
 
     weights = 0.5 * np.random.default_rng(count).normal(size=(2, count))
     weights = weights if stacked else weights[0]
     mapped = jax.vmap if stacked else lambda f: f
-    both = (jax.jit(mapped(DERIVATIVES[mode](f)))(weights) for f in (total, exact))
+    both = (jax.jit(mapped(gradient_and_hessian(f)))(weights) for f in (total, exact))
     for found, expected in zip(*map(jax.tree.leaves, both), strict=True):
-        assert found.shape == expected.shape
         assert np.max(np.abs(found - expected)) < 1e-6 * np.max(np.abs(expected))
 
 
 DASHPOTS = [
-    (sj.ODE(rtol=1e-9, solver="bosh3"), "zero-force", 1e-6, 1),  # some hundred steps
-    (sj.ODE(rtol=1e-9, solver="bosh3"), "zero-overlap", 1e-6, 2),
-    (sj.ODE(), "zero-force", 1e-6, 2),
-    (sj.ODE(rtol=1e-9, solver="tsit5"), "zero-overlap", 1e-6, 2),
-    (sj.ODE(solver="dopri5", steps=100), "zero-overlap", 1e-6, 2),
-    (sj.ODE(solver=diffrax.Euler(), steps=4000), "zero-overlap", 1e-2, 2),
+    (sj.ODE(rtol=1e-9, solver="bosh3"), "zero-overlap", 1e-6),  # some hundred steps
+    (sj.ODE(), "zero-force", 1e-6),
+    (sj.ODE(solver=diffrax.Euler(), steps=4000), "zero-force", 1e-2),
 ]
 
 
 @pytest.mark.parametrize(
-    ("route", "end", "bound", "count"),
+    ("route", "end", "bound"),
     [pytest.param(*row, marks=[LONG] * (k > 0)) for k, row in enumerate(DASHPOTS)],
 )
-def test_slopes_in_many_numbers_of_a_dashpot(route, end, bound, count):
+def test_slopes_in_many_numbers_of_a_dashpot(route, end, bound):
     """ε = exp(-ξ/w · φ), w = √(1 - ξ²), φ = π where the overlap vanishes or atan2(2ξw, 2ξ² - 1) where the force does.
 
-    Those of the duration φ/(ω0 w), and of the largest overlap exp(-ξ/w acos ξ) v/ω0; of one law or two at once.
+    With the duration φ/(ω0 w), and the largest overlap exp(-ξ/w acos ξ) v/ω0.
     """
     parts = np.linspace(0.001, 0.03, 12)  # more than are differentiated forward
-    parts = np.stack([parts, 1.5 * parts])[:count]
 
     def known(x):
         w = jnp.sqrt(1 - x * x)
         angle = np.pi if end == "zero-overlap" else jnp.arctan2(2 * x * w, 2 * x * x - 1)
-        return jnp.exp(-x / w * angle), PACE * angle / w, PACE * jnp.exp(-x / w * jnp.arccos(x))
+        peaks = VELOCITY * jnp.exp(-x / w * jnp.arccos(x))
+        return jnp.sum(jnp.exp(-x / w * angle) + 2 * angle / w + 3 * peaks)
 
     def found(parts):
-        hit = sj.restitution(Damped(STEEL, parts, end), 1.0, route)
-        return hit.coefficient, hit.duration, hit.peak_overlap
+        hit = sj.restitution(Damped(STEEL, parts, end), VELOCITY, route)
+        return jnp.sum(hit.coefficient + (2 * hit.duration + 3 * hit.peak_overlap) / PACE)
 
-    if count == 1:
-        slopes = jax.tree.map(lambda x: x[None], jax.jit(jax.jacrev(found))(parts[0]))
-    else:
-        slopes = jax.jit(jax.vmap(jax.jacrev(found)))(parts)
-    for slope, expected in zip(
-        slopes, jax.jit(jax.vmap(jax.jacfwd(known)))(parts.sum(1)), strict=True
-    ):
-        assert np.allclose(slope, expected[:, None], rtol=bound, atol=0)
+    slopes = jax.jit(jax.grad(found))(parts)
+    assert np.allclose(slopes, jax.jit(jax.grad(known))(parts.sum()), rtol=bound, atol=0)
 
 
 def test_networks_that_are_no_numbers():
@@ -313,4 +278,3 @@ def test_how_long_a_traced_result_lasts_where_yield_is_of_a_shared_number():
     peak = (1.25 * STEEL.mass * VELOCITY**2 / STEEL.stiffness) ** 0.4
     exact = (1 + np.sqrt(2)) * 0.4 * beta(0.4, 0.5) * peak / VELOCITY
     assert np.allclose(found, exact, rtol=1e-12, atol=0)
-    assert np.allclose(sj.restitution(law, VELOCITY).coefficient, np.sqrt(0.5), rtol=1e-9, atol=0)
