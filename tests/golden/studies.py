@@ -9,7 +9,6 @@ from tests.golden.numbers import scenario
 
 LAW = (1.2, 0.9, 0.5)
 SHOTS = [0.02, 0.06, 0.1, 0.3, 1.0, 5.0]
-NAMED = ("chi", "sigma", "psi")
 
 
 @scenario

@@ -181,22 +181,15 @@ def test_a_law_is_given_once(force):
         type("Own", (reduced,), {force: lambda self, *values: 0.0})
 
 
-class Stiffer(sj.RateIndependentLaw):
-    """A spring k up to c = 50 µm, 9k from there on; `kinks` gives c in some form."""
+def test_kinks_may_be_any_collection_of_overlaps():
+    """A spring k up to c = 50 µm, 9k beyond, where k c²/2 + k c s + 9k s²/2 = M v²/2; an array is traced alone."""
 
-    contact: sj.Contact
-
-    def loading_force(self, overlap):
+    def loading(law, overlap):
         return 1e6 * (overlap + 8 * jnp.maximum(overlap - 5e-5, 0.0))
 
-    def unloading_force(self, overlap, peak_overlap):
-        return 0.8 * self.loading_force(overlap)
-
-
-def test_kinks_may_be_any_collection_of_overlaps():
-    """k c²/2 + k c s + 9k s²/2 = M v²/2, s beyond the kink, by hand; an array is traced alone."""
+    forces = {"loading_force": loading, "unloading_force": lambda law, x, _: 0.8 * loading(law, x)}
     kinks = (lambda law: jnp.asarray([5e-5]), lambda law: (x for x in [5e-5]))
-    array, generator = (type("Own", (Stiffer,), {"breakpoints": one})(PAIR) for one in kinks)
+    array, generator = (type("Own", (Line,), forces | {"breakpoints": k})(PAIR) for k in kinks)
     assert jax.eval_shape(sj.restitution, array, 1.0).coefficient.shape == ()
     found = sj.restitution(generator, 1.0)
     energy = float(PAIR.mass) / 2 - 1e6 * 5e-5**2 / 2
@@ -205,17 +198,10 @@ def test_kinks_may_be_any_collection_of_overlaps():
     assert float(found.coefficient) == pytest.approx(math.sqrt(0.8), rel=1e-12)
 
 
-class Bumper(sj.RateIndependentLaw):
+class Bumper(Line):
     """A law with a radius of its own."""
 
-    contact: sj.Contact
     radius: float
-
-    def loading_force(self, overlap):
-        return 1e6 * overlap + 0 * self.radius
-
-    def unloading_force(self, overlap, peak_overlap):
-        return 0.8e6 * overlap
 
 
 def test_a_field_named_like_one_of_the_contact_hides_no_shape():
@@ -230,16 +216,12 @@ def test_a_field_named_like_one_of_the_contact_hides_no_shape():
 
 
 def test_the_force_that_is_to_be_rewritten_is_named_though_another_one_calls_it():
-    class Rooted(sj.RateIndependentLaw):
-        contact: sj.Contact
-
-        def loading_force(self, overlap):
-            return 1e6 * math.sqrt(overlap)
-
-        def unloading_force(self, overlap, peak_overlap):
-            return self.loading_force(peak_overlap) - 2e6 * (peak_overlap - overlap)
-
-    with pytest.raises(
-        ValueError, match=r"^`Rooted\.loading_force` must be written with jax.numpy"
-    ):
-        sj.restitution(Rooted(PAIR), 1.0)
+    forces = {
+        "loading_force": lambda law, overlap: 1e6 * math.sqrt(overlap),
+        "unloading_force": lambda law, overlap, peak: (
+            law.loading_force(peak) - 2e6 * (peak - overlap)
+        ),
+    }
+    line = r"^`Rooted\.loading_force` must be written with jax.numpy"
+    with pytest.raises(ValueError, match=line):
+        sj.restitution(type("Rooted", (Line,), forces)(PAIR), 1.0)
