@@ -6,6 +6,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.command import run
+from tests.shown.capture import drawn
 
 VELOCITY = np.linspace(0.5, 5.0, 10)
 RESTITUTION = 0.95 - 0.05 * VELOCITY
@@ -105,12 +106,14 @@ def test_the_first_line_of_every_command(command, at):
     cases = [("density", 7.6), ("youngs_modulus", 1.5e12), ("radius", 6.0)]
     for name, value in cases if command == "curve" else cases[-1:]:
         words = (command, material_file(at, **{name: value}), *COMMANDS[command])
-        code, out, error = run(*words)
+        with drawn():
+            code, out, error = run(*words)
         assert code == 0, error
         _, low, high, called, unit = RANGES[name]
         start = f"warning: plausibility (my alloy): {called} of the sphere is {value:.3g} {unit}"
         assert out.splitlines()[0].startswith(f"{start}, outside {low:g} to {high:g} {unit}. ")
-    assert run(*words, "--quiet")[2].startswith(start)
+    with drawn():
+        assert run(*words, "--quiet")[2].startswith(start)
     file = material_file(at, youngs_modulus=115.0)  # Pa are GPa without their unit
     code, out, error = run(command, file, *COMMANDS[command], "--out", "none")
     start = f"{file}:4: youngs_modulus is 115 Pa, more than 100 times outside 100000 to 1.3e+12"

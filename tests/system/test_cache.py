@@ -14,12 +14,12 @@ from tests.command import run
 WORDS = ["curve", "nylon", "--law", "constant", "--set", "restitution=0.9", "--points", "3"]
 
 
-def command(folder, *words, **environment):
+def command(folder, *words):
     """What a command in a process of its own writes as curve.csv, with its caches below `folder`."""
     plain = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     done = subprocess.run(
         [sys.executable, "-m", "calibration", *words, "--format", "csv", "--out", folder / "out"],
-        env=plain | {"XDG_CACHE_HOME": str(folder), "HOME": str(folder)} | environment,
+        env=plain | {"XDG_CACHE_HOME": str(folder), "HOME": str(folder)},
         capture_output=True,
         check=True,
     )
@@ -50,12 +50,14 @@ def test_programs_are_kept_unless_not_wanted_and_written_again_where_cut_short(t
     assert all(len(again[path]) > 0.9 * len(kept[path]) for path in kept)
 
 
-def test_who_has_a_cache_keeps_it_and_without_a_place_nothing_fails(tmp_path):
-    command(tmp_path, *WORDS, JAX_COMPILATION_CACHE_DIR=str(tmp_path / "elsewhere"))
-    assert not (tmp_path / "softjax").exists()
-    (tmp_path / "softjax").write_text("", encoding="utf-8")
-    command(tmp_path, *WORDS)
-    assert programs(tmp_path) == programs(tmp_path / "elsewhere") != {}
+def test_who_has_a_cache_keeps_it_and_without_a_place_nothing_fails(at, monkeypatch):
+    """All tests have one, by the environment."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(at / "home"))
+    assert run(*WORDS, "--format", "csv", "--quiet") == (0, "", "")
+    assert not (at / "home").exists()
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    (at / "home").write_text("", encoding="utf-8")
+    assert run(*WORDS, "--format", "csv", "--quiet") == (0, "", "")
 
 
 @pytest.mark.long
