@@ -9,8 +9,8 @@ from matplotlib.image import imread
 
 import calibration as cal
 import softjax as sj
-from tests.command import run
 from tests.shown.capture import band, drawn, labels, legend
+from tests.shown.conftest import shown
 
 STEEL = sj.STAINLESS_STEEL
 SMALL, LARGE = 0.004, 0.012  # radii [m]
@@ -80,11 +80,10 @@ def test_a_band_much_wider_than_its_curve_is_cut_and_the_picture_says_so(noise, 
     e = e + noise * np.array([1, -1, -1, 1, 1, -1])
     fit = cal.fit(cal.RestitutionData(v, e, contact), sj.ViscoelasticHertz, profiles=False)
     fit.save(tmp_path / "fit.json")
-    with drawn() as figures:
-        words = ("--from", 0.5, "--to", 5, "--format", "png", "--out", tmp_path / "out")
-        code, _, err = run("curve", "--fit", tmp_path / "fit.json", *words)
-    assert code == 0, err
-    ((ax,),) = (figure.axes for figure in figures.values())
+    words = ("--from", 0.5, "--to", 5, "--format", "png")
+    made = shown(tmp_path, "curve", "--fit", tmp_path / "fit.json", *words)
+    assert made.code == 0, made.err
+    ((ax,),) = (figure.axes for figure in made.figures.values())
     (name,) = [label for label in labels(ax) if label.startswith("95 %, of the mean")]
     (curve,) = [line.get_ydata() for line in ax.get_lines() if len(line.get_ydata()) > 100]
     half = (np.nanmax(curve) - np.nanmin(curve)) / 2
@@ -124,10 +123,3 @@ def test_titles_of_correlations_are_inside_the_picture(main_job, tmp_path):
     cal.FitResult.load(main_job.folder / "fit.json").report(tmp_path)
     edge = imread(tmp_path / "correlation.png")[:5, :, :3]
     assert np.all(edge == 1.0)  # nothing is cut at the upper edge
-
-
-def test_one_point_and_one_parameter_are_no_plural():
-    contact = sj.Contact.between_spheres(STEEL, STEEL, 0.01, 0.01)
-    data = cal.RestitutionData([1.0], [0.9], contact, name="alloy")
-    with pytest.raises(ValueError, match=r"1 point for 1 free parameter \("):
-        cal.fit(data, sj.ViscoelasticHertz)
