@@ -1,7 +1,5 @@
 """Drops and bounces in air, against flights integrated with a drag that depends on Reynolds' number."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -9,6 +7,7 @@ from scipy.integrate import solve_ivp
 import calibration as cal
 import softjax as sj
 
+READ = cal.RestitutionData.from_table
 G, RHO, VISCOSITY, FASTEST = 9.80665, 1.2, 1.81e-5, 2e5
 # diameter [m], density [kg/m³], fall [m], ε
 BALLS = {
@@ -27,19 +26,15 @@ def drag_coefficient(reynolds):
     return 24 / reynolds * (1 + 0.150 * reynolds**0.681) + 0.407 / (1 + 8710 / reynolds)
 
 
-def ball_of(diameter, density):
-    return SimpleNamespace(diameter=diameter, mass=np.pi / 6 * diameter**3 * density)
-
-
-def flight(ball, height=0.0, speed=0.0, factor=1.0):
+def flight(diameter, density, height=0.0, speed=0.0, factor=1.0):
     """The time to the top and the height there, or the time to the ground and the speed there."""
-    volume, area = np.pi / 6 * ball.diameter**3, np.pi / 4 * ball.diameter**2
-    moved = ball.mass + 0.5 * RHO * volume
+    volume, area = np.pi / 6 * diameter**3, np.pi / 4 * diameter**2
+    moved = (density + 0.5 * RHO) * volume
 
     def rate(time, state):
         v = state[1]
-        drag = factor * drag_coefficient(max(RHO * abs(v) * ball.diameter / VISCOSITY, 1e-9))
-        push = (ball.mass - RHO * volume) * G + 0.5 * RHO * drag * area * v * abs(v)
+        drag = factor * drag_coefficient(max(RHO * abs(v) * diameter / VISCOSITY, 1e-9))
+        push = (density - RHO) * volume * G + 0.5 * RHO * drag * area * v * abs(v)
         return [v, -push / moved]
 
     def end(time, state):
@@ -52,23 +47,22 @@ def flight(ball, height=0.0, speed=0.0, factor=1.0):
 
 def simulated(name, factor=1.0):
     """Three bounces: tables of heights, flight times and times, each with its first bounce; speeds."""
-    diameter, density, height, restitution = BALLS[name]
-    ball = ball_of(diameter, density)
+    *ball, height, restitution = BALLS[name]
     heights, times, speeds = [height], [], []
     for _ in range(3):
-        down, v = flight(ball, height=heights[-1], factor=factor)
-        up, top = flight(ball, speed=restitution * v, factor=factor)
+        down, v = flight(*ball, height=heights[-1], factor=factor)
+        up, top = flight(*ball, speed=restitution * v, factor=factor)
         speeds.append(v)
         heights.append(top)
         times += [down, up]
-    assert 10 < RHO * speeds[0] * diameter / VISCOSITY < FASTEST
+    assert 10 < RHO * speeds[0] * ball[0] / VISCOSITY < FASTEST
     intervals = [times[1] + times[2], times[3] + times[4]]
     tables = {
         "heights": ({"drop_height": heights[:2], "rebound_height": heights[1:3]}, 0),
         "intervals": ({"interval": intervals}, 1),
         "times": ({"time": np.cumsum([0.1, *intervals])}, 1),
     }
-    return tables, speeds, {"diameter": diameter, "density": density}
+    return tables, speeds, dict(zip(("diameter", "density"), ball, strict=True))
 
 
 @pytest.mark.parametrize("name", BALLS)
@@ -77,8 +71,8 @@ def test_restitutions_of_simulated_flights_come_back(name):
     restitution = BALLS[name][-1]
     tables, speeds, ball = simulated(name)
     for kind, (table, first) in tables.items():
-        data = cal.RestitutionData.from_table(table, **ball)
-        bare = cal.RestitutionData.from_table(table, air=False, **ball)
+        data = READ(table, **ball)
+        bare = READ(table, air=False, **ball)
         expected = np.array(speeds[first : first + len(data)])
         assert np.all(np.abs(data.restitution / restitution - 1) < 0.03), kind
         off, correction = data.restitution - restitution, bare.restitution - restitution
@@ -113,11 +107,9 @@ def test_errors_follow_the_derivatives(kind):
     """Of ε and v in what was measured, and in the drag coefficient."""
 
     def points(**changed):
-        table = {**TABLES[kind], **changed}
-        return cal.RestitutionData.from_table(table, diameter=6e-3, mass=1.3e-4, **options)
+        options = {f"{kind.removesuffix('s')}_uncertainty": 1e-3}
+        return READ({**TABLES[kind], **changed}, diameter=6e-3, mass=1.3e-4, **options)
 
-    options = {} if kind == "heights" else {f"{kind}_uncertainty": 1e-3}
-    options = options or {"height_uncertainty": 1e-3}
     data, step = points(), 1e-6
     e = data.errors
     for name, values in TABLES[kind].items():
@@ -132,56 +124,49 @@ def test_errors_follow_the_derivatives(kind):
                 np.testing.assert_allclose(found, by, rtol=2e-5, atol=2e-6)
 
 
+BALL = {"diameter": 6e-3, "mass": 1.3e-4}
+
+
 def test_a_restitution_as_if_in_vacuum_is_corrected_and_one_in_air_or_measured_directly_is_not():
-    options = {"diameter": 6e-3, "mass": 1.3e-4}
     table = TABLES["heights"]
-    in_air = cal.RestitutionData.from_table(table, **options)
-    bare = cal.RestitutionData.from_table(table, air=False, **options)
+    in_air = READ(table, **BALL)
+    bare = READ(table, air=False, **BALL)
     for given in (in_air, bare):
-        with_restitution = {**table, "restitution": given.restitution}
-        data = cal.RestitutionData.from_table(with_restitution, **options)
+        data = READ({**table, "restitution": given.restitution}, **BALL)
         np.testing.assert_allclose(data.restitution, in_air.restitution, rtol=1e-14)
-    speeds = {"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, 1.6]}
-    options = {"diameter": 6e-3, "mass": 1.3e-4}
-    data = cal.RestitutionData.from_table(speeds, **options)
+    data = READ({"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, 1.6]}, **BALL)
     np.testing.assert_array_equal(data.restitution, [0.8, 0.8])
     assert data.errors.by_drag is None
     assert not any("air" in note for note in data.remarks)
-    heavy = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, mass=100.0)
-    bare = cal.RestitutionData.from_table(TABLES["heights"], air=False, **options)
+    heavy = READ(table, diameter=6e-3, mass=100.0)
     np.testing.assert_allclose(heavy.restitution, bare.restitution, rtol=1e-7)
 
 
 def test_drag_enters_all_points_by_one_coefficient():
     """Flights with drag 2 % stronger and weaker than the correlation has it."""
-    options = {"diameter": 6e-3, "mass": 1.3e-4}
     more, less = (simulated("6 mm nylon", 1 + c) for c in (0.02, -0.02))
     for kind, (_, first) in more[0].items():
         found = []
         for tables, speeds, ball in (more, less):
-            data = cal.RestitutionData.from_table(tables[kind][0], **ball)
+            data = READ(tables[kind][0], **ball)
             off = speeds[first : first + len(data)] - data.velocity
             found.append(np.stack([BALLS["6 mm nylon"][-1] - data.restitution, off], axis=1))
         by = (found[0] - found[1]) / 0.04
         np.testing.assert_allclose(data.errors.by_drag, by, rtol=0.04, err_msg=kind)
-    repeats = {"drop_height": [0.5, 0.5, 0.8], "rebound_height": [0.3, 0.3, 0.5]}
-    every = cal.RestitutionData.from_table(repeats, **options)
-    mean = every.averaged()
-    np.testing.assert_allclose(mean.errors.by_drag, every.errors.by_drag[1:])
+    every = READ({"drop_height": [0.5, 0.5, 0.8], "rebound_height": [0.3, 0.3, 0.5]}, **BALL)
+    np.testing.assert_allclose(every.averaged().errors.by_drag, every.errors.by_drag[1:])
 
 
 def test_the_ball_is_that_of_the_bodies_or_of_a_contact_with_a_wall():
-    ball = sj.Material(3e9, 0.35, 1140.0, 6e7)
-    wall = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 3e-3)
-    of_contact = cal.RestitutionData.from_table(TABLES["heights"], wall)
-    stated = cal.RestitutionData.from_table(TABLES["heights"], diameter=6e-3, density=1140.0)
+    wall = sj.Contact.with_wall(sj.Material(3e9, 0.35, 1140.0, 6e7), sj.STAINLESS_STEEL, 3e-3)
+    of_contact = READ(TABLES["heights"], wall)
+    stated = READ(TABLES["heights"], diameter=6e-3, density=1140.0)
     np.testing.assert_allclose(of_contact.restitution, stated.restitution, rtol=1e-14)
-    unknown = cal.RestitutionData.from_table(TABLES["heights"])
-    assert unknown.remarks[-1].startswith(
-        "not corrected for air: the ball's diameter, and its mass"
-    )
+    unknown = READ(TABLES["heights"])
+    words = "not corrected for air: the ball's diameter, and its mass"
+    assert unknown.remarks[-1].startswith(words)
     assert unknown.errors.by_drag is None
-    large = cal.RestitutionData.from_table(TABLES["heights"], diameter=1.0, mass=500.0)
+    large = READ(TABLES["heights"], diameter=1.0, mass=500.0)
     assert any("lie beyond those of the drag coefficient" in note for note in large.remarks)
 
 
@@ -193,8 +178,7 @@ def test_a_file_says_what_the_balls_fly_in(read_toml, lines, air):
     csv = "drop_height [m],rebound_height [m]\n0.5,0.3\n0.8,0.5\n"
     toml = '[[material]]\nname = "a"\ndata = "m.csv"\ndiameter = "6 mm"\nmass = "0.13 g"\n' + lines
     (data,) = read_toml(toml, csv)
-    options = {"diameter": 6e-3, "mass": 1.3e-4, "air": air}
-    expected = cal.RestitutionData.from_table(TABLES["heights"], **options).restitution
+    expected = READ(TABLES["heights"], air=air, **BALL).restitution
     np.testing.assert_allclose(data.restitution, expected, rtol=1e-12)
     with pytest.raises(ValueError, match='air is "5 %"; it must be true, false, or a density'):
         read_toml(toml.replace(lines or "\x00", "") + 'air = "5 %"\n', csv)
