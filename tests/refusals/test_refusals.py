@@ -5,7 +5,6 @@ import json
 import pytest
 
 import calibration as cal
-from tests.command import run
 from tests.refusals.__main__ import sentence, sentences
 from tests.refusals.table import CASES, CSV, TOML, genuine, loaded, refusal, written
 
@@ -46,14 +45,3 @@ def test_the_files_that_the_cases_spoil_are_good(tmp_path):
 def test_whole_sentences(way, name, tmp_path):
     """As `sentences.txt` has them, which `python -m tests.refusals` writes again."""
     assert sentence(way, name, tmp_path) == sentences()[way, name]
-
-
-@pytest.mark.parametrize(
-    "place", [("CSV files", "NaN"), ("TOML files", "Poisson's ratio"), ("problems", "no starts")]
-)
-def test_a_command_says_the_same(place, tmp_path):
-    """One line on standard error, exit code 2, and nothing written."""
-    message = str(refusal(*place, tmp_path))
-    code, out, error = run("fit", tmp_path / "m.toml", "--out", tmp_path / "results", "--no-cache")
-    assert (code, out, error) == (2, "", message + "\n")
-    assert not (tmp_path / "results").exists()
