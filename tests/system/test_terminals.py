@@ -9,6 +9,8 @@ import select
 import subprocess
 import sys
 
+import pytest
+
 import calibration as cal
 from calibration import cli
 from tests.shown.capture import drawn
@@ -23,62 +25,58 @@ class Screen(io.StringIO):
         return True
 
 
-def shown(monkeypatch, tmp_path, quick, columns=None, term="xterm", out=None, error=None, *words):
+@pytest.fixture
+def shown(monkeypatch, tmp_path, quick):
     """What a fit writes to standard output and standard error."""
-    monkeypatch.setenv("TERM", term)
-    if columns is not None:
-        monkeypatch.setenv("COLUMNS", str(columns))
-    out, error = out or Screen(), error or Screen()
-    with drawn(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-        code = cli.main(["fit", str(quick), "--no-cache", "--out", str(tmp_path / "r"), *words])
-    assert code == 0
-    return out.getvalue(), error.getvalue()
+
+    def outputs(*words, columns=None, term="xterm", error=None):
+        monkeypatch.setenv("TERM", term)
+        if columns is not None:
+            monkeypatch.setenv("COLUMNS", str(columns))
+        out, error = Screen(), error or Screen()
+        with drawn(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+            code = cli.main(["fit", str(quick), "--no-cache", "--out", str(tmp_path / "r"), *words])
+        assert code == 0
+        return out.getvalue(), error.getvalue()
+
+    return outputs
 
 
-def test_no_line_is_wider_than_the_terminal_and_progress_is_for_terminals(
-    monkeypatch, tmp_path, quick
-):
+def test_no_line_is_wider_than_the_terminal_and_progress_is_for_terminals(shown, tmp_path):
     """Every word of a wide one is there; without going back a line a stage, in a pipe or when quiet nothing."""
     plain = re.compile(r"\x1b\[[0-9;]*m")
-    texts = {n: plain.sub("", shown(monkeypatch, tmp_path, quick, n)[0]) for n in (50, 70, 200)}
+    texts = {n: plain.sub("", shown(columns=n)[0]) for n in (50, 70, 200)}
     for columns, text in texts.items():
         report = text.partition(str(tmp_path))[0].splitlines()[:-1]  # a path is as long as it is
         assert max(map(len, report)) <= columns
     words = {n: set(re.findall(r"[^\W\d]\w{2,}", text)) for n, text in texts.items()}
-    assert words[200] <= words[50]
-    assert words[200] <= words[70]
+    assert words[200] <= words[50] & words[70]
     assert all("0.9563 ± 0.0020" in text for text in texts.values())  # mean and s/√24 of the points
     assert texts[50] != texts[200]
-    able = shown(monkeypatch, tmp_path, quick)[1]
-    assert able.startswith("softjax fit: loading")
+    able, dumb = shown()[1], shown(term="dumb")[1]
+    for text in (able, dumb):
+        assert text.startswith("softjax fit: loading")
     assert "\r" in able
-    dumb = shown(monkeypatch, tmp_path, quick, term="dumb")[1]
-    assert dumb.startswith("softjax fit: loading")
     assert len(dumb.splitlines()) > 1
-    assert "\r" not in dumb
-    assert "\x1b" not in dumb
-    assert shown(monkeypatch, tmp_path, quick, error=io.StringIO())[1] == ""
-    quiet = shown(monkeypatch, tmp_path, quick, None, "xterm", None, None, "--quiet")
-    assert quiet == ("", "")
+    assert not {"\r", "\x1b"} & set(dumb)
+    assert shown(error=io.StringIO())[1] == ""
+    assert shown("--quiet") == ("", "")
 
 
 def test_a_fit_in_python_shows_its_stages(monkeypatch):
     """`progress=True`: a bar on a terminal, a line a stage in a pipe or a notebook; else nothing."""
     data = cal.RestitutionData([1.0, 2.0, 3.0, 4.0], [0.8, 0.81, 0.79, 0.8])
-    found = {}
-    for name, error, progress in (
-        ("bar", Screen(), True),
-        ("lines", io.StringIO(), True),
-        ("nothing", Screen(), False),
-    ):
-        monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("TERM", "xterm")
+    found = []
+    for error, progress in ((Screen(), True), (io.StringIO(), True), (Screen(), False)):
         with contextlib.redirect_stderr(error):
             cal.fit(data, "constant", progress=progress)
-        found[name] = error.getvalue()
-    assert found["lines"].splitlines() == ["fit ...", "profiles ..."]
-    assert "profiles" in found["bar"]
-    assert "\x1b" in found["bar"]
-    assert found["nothing"] == ""
+        found.append(error.getvalue())
+    bar, lines, nothing = found
+    assert lines.splitlines() == ["fit ...", "profiles ..."]
+    assert "profiles" in bar
+    assert "\x1b" in bar
+    assert nothing == ""
 
 
 def test_on_a_real_terminal_without_colours(tmp_path):
@@ -98,14 +96,9 @@ def test_on_a_real_terminal_without_colours(tmp_path):
     )
     os.close(other)
     seen = b""
-    while select.select([main], [], [], 600)[0]:
-        try:
-            part = os.read(main, 65536)
-        except OSError:  # the other end is closed
-            break
-        seen += part
-        if not part:
-            break
+    with contextlib.suppress(OSError):  # the other end is closed
+        while select.select([main], [], [], 600)[0] and (part := os.read(main, 65536)):
+            seen += part
     os.close(main)
     assert process.wait() == 0
     before, sign, after = seen.partition(b"softjax curve: loading")
