@@ -100,13 +100,11 @@ REFUSED = {
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory, above_yield):
-    """A material file, and a fit that determines nothing below first yield."""
     alloy = write_alloy(tmp_path_factory.mktemp("given"))
     return {"ALLOY": str(alloy), "FIT": above_yield[1], "EMPTY": ""}
 
 
 def exit_code(argv) -> int:
-    """What the shell would see."""
     try:
         return cli.main(argv)
     except SystemExit as stop:

@@ -36,14 +36,12 @@ def column(folder, position: int) -> np.ndarray:
 
 
 def table(folder):
-    """The header and the numbers of a look-up table."""
     path = folder / "results" / "curve.txt"
     lines = path.read_text(encoding="utf-8").splitlines()
     return [line for line in lines if line.startswith("#")], np.loadtxt(path, ndmin=2)
 
 
 def agrees(folder, law, rtol=1e-13):
-    """The written curve is that of the law at the written velocities."""
     expected = np.asarray(sj.restitution(law, column(folder, 0)).coefficient)
     np.testing.assert_allclose(column(folder, 1), expected, rtol=rtol)
 
@@ -119,7 +117,6 @@ def test_each_option_of_a_law_acts(at, options):
 
 
 def test_the_route_acts_in_curves_and_tables(at):
-    """A coarse tolerance of the time integration errs; the energy balance does not."""
     options = next(words for words in LAWS if "thornton" in words)  # soon compiled
     grid = ["nylon", *options.split(), "--from", 30, "--to", 60, "--points", 2, "--spacing", "lin"]
     exact = sj.restitution(LAWS[options], np.array([30.0, 60.0]))

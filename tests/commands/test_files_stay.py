@@ -46,7 +46,6 @@ COMMANDS = {
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_only_what_is_written_again_changes(name, quick, tmp_path):
-    """Fails where a command removes what an earlier one wrote, or what is the user's own."""
     words, expected = COMMANDS[name]
     out = tmp_path / "results"
     every = {*RESULTS, *STRANGERS, f"{UNFINISHED}/fit.json", f"../{UNFINISHED}/fit.json"}

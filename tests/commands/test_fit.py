@@ -28,7 +28,6 @@ def toml(settings: dict[str, Any]) -> str:
 
 
 def words(settings: dict[str, Any]) -> list[str]:
-    """The same on the command line."""
     found = []
     for name, value in settings.items():
         found += [OPTIONS.get(name, f"--{name.replace('_', '-')}")]
@@ -46,7 +45,6 @@ def fitted(folder, options=(), settings=None, **entries) -> cal.FitResult:
 
 
 def in_python(settings: dict[str, Any], parameters=None, second=False):
-    """The same fit by `cal.fit`."""
     data = [noisy(), noisy(0.01, "another", 6.0e7)] if second else noisy()
     settings = settings | ({"route": EB} if "route" in settings else {})
     return cal.fit(data, parameters=parameters, **settings)
@@ -54,7 +52,6 @@ def in_python(settings: dict[str, Any], parameters=None, second=False):
 
 @cache
 def of_others(settings: str, second: bool):
-    """A fit that several cases differ from."""
     return in_python(json.loads(settings), second=second)
 
 
@@ -104,7 +101,6 @@ OF_THE_COMMAND = {"out", "quiet", "no-cache", "help", "posterior", "json", "air"
 
 
 def test_every_setting_has_a_case_here(capsys):
-    """The options that the command's help lists."""
     with pytest.raises(SystemExit):
         cli.main(["fit", "--help"])
     listed = set(re.findall(r"^  --([a-z-]+)", capsys.readouterr().out, re.M)) - OF_THE_COMMAND
@@ -138,7 +134,6 @@ def test_another_seed_gives_other_starts(tmp_path):
 
 
 def test_the_route_and_its_tolerance_are_those_that_are_set(tmp_path):
-    """In the file and on the command line; a coarse tolerance errs as it does in Python."""
     base = {"law": "viscoelastic", "profiles": False, "starts": 1}
     closed = fitted(tmp_path, settings=base)
     coarse = cal.fit(noisy(), "viscoelastic", profiles=False, starts=1, route=sj.ODE(rtol=1e-2))
@@ -196,7 +191,6 @@ def test_what_the_file_says_of_a_parameter_acts_and_what_materials_share_is_one(
 
 @pytest.mark.parametrize("command", ["fit", "compare"])
 def test_json_on_standard_output_is_the_file(command, tmp_path):
-    """And nothing else is there, so that it can be piped on."""
     file = write_alloy(tmp_path, 'law = "constant"')
     few = ["--laws", "constant"] if command == "compare" else []
     code, out, err = run(command, file, *few, "--json", "--out", tmp_path / "out")

@@ -18,7 +18,6 @@ GLOBAL = ("nylon", "--study", "global", "--at", "20", "--samples", "64")
 
 
 def saved(*options: str) -> dict:
-    """What sensitivity.json says after the command."""
     assert main(["sensitivity", *options]) == 0
     return json.loads(Path("results/sensitivity.json").read_text(encoding="utf-8"))
 
@@ -134,7 +133,6 @@ def test_what_a_global_study_does_not_vary_or_counts_as_zero_is_written(at, caps
 
 @pytest.fixture(scope="module")
 def fit(tmp_path_factory):
-    """A fit with points on both sides of yield."""
     data = twin("nylon", noise=0.003, seed=1, uncertainty=0.003)
     return cal.fit(data, route=sj.EnergyBalance(), profiles=False, starts=4)
 

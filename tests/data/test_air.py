@@ -67,7 +67,6 @@ def simulated(name, factor=1.0):
 
 @pytest.mark.parametrize("name", BALLS)
 def test_restitutions_of_simulated_flights_come_back(name):
-    """With what is left of the correction."""
     restitution = BALLS[name][-1]
     tables, speeds, ball = simulated(name)
     for kind, (table, first) in tables.items():
@@ -104,8 +103,6 @@ TABLES = {
 
 @pytest.mark.parametrize("kind", TABLES)
 def test_errors_follow_the_derivatives(kind):
-    """Of ε and v in what was measured, and in the drag coefficient."""
-
     def points(**changed):
         options = {f"{kind.removesuffix('s')}_uncertainty": 1e-3}
         return READ({**TABLES[kind], **changed}, diameter=6e-3, mass=1.3e-4, **options)
@@ -143,7 +140,6 @@ def test_a_restitution_as_if_in_vacuum_is_corrected_and_one_in_air_or_measured_d
 
 
 def test_drag_enters_all_points_by_one_coefficient():
-    """Flights with drag 2 % stronger and weaker than the correlation has it."""
     more, less = (simulated("6 mm nylon", 1 + c) for c in (0.02, -0.02))
     for kind, (_, first) in more[0].items():
         found = []

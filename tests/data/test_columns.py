@@ -64,7 +64,6 @@ EVERY = [
 
 
 def numbers(data):
-    """All that a fit sees of a set."""
     group = None if data.group is None else list(data.group)
     covariance = covariance_of(data, -0.1, added=1e-9)
     return group, np.stack([data.velocity, data.restitution, *covariance])
@@ -168,7 +167,6 @@ def test_what_a_percentage_is_of(columns, uncertainty, velocity_uncertainty):
 
 
 def test_a_restitution_beside_what_it_follows_from_is_used():
-    """Noise of 0.01 apart; what is further apart is refused."""
     heights = {"drop_height": [1.0, 1.0], "rebound_height": [0.81, 0.64]}
     for table in (heights, heights | {"velocity": [4.4, 4.5]}, SPEEDS):
         data = READ(table | {"restitution": [0.91, 0.79]})

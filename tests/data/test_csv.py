@@ -39,7 +39,6 @@ def test_files_as_programs_save_them(read, encoding, newline):
 def test_no_number_and_no_line_depends_on_the_style_of_a_table(
     read, points, unit, ratio, style, units_below, order, noise, newline
 ):
-    """Units, decimals, separators, columns, comments and line ends."""
     delimiter, mark = style
     names, units = ("velocity", "restitution", "uncertainty", "note"), (unit, ratio, ratio)
     words = [*(f"[{word}]" for word, _ in units), "[text]"]
@@ -119,7 +118,6 @@ def test_a_spreadsheet_is_read_as_its_csv_is(read, tmp_path):
 
 
 def test_a_hundred_thousand_rows_are_read_as_they_stand(read):
-    """In blocks; a row in the midst that needs to be looked at cell by cell changes no other."""
     rng = np.random.default_rng(3)
     v, e = rng.uniform(0.1, 5.0, 100_000), rng.uniform(0.2, 0.9, 100_000)
     pairs = enumerate(zip(v.tolist(), e.tolist(), strict=True))

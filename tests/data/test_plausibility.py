@@ -27,7 +27,6 @@ LINES = {name: 4 + i for i, name in enumerate(NYLON)}  # of the file, in its ord
 
 
 def material_file(folder, more="limit_velocity = 340.0", csv=ROWS, body=NYLON, **changes):
-    """A file of one material with properties changed; each on its own line."""
     (folder / "m.csv").write_text(csv, encoding="utf-8")
     lines = [f"{name} = {value!r}" for name, value in (body | changes).items()]
     head = ["[[material]]", 'name = "my alloy"', 'data = "m.csv"']
@@ -47,7 +46,6 @@ def of(velocity, restitution, **options):
 
 @pytest.mark.parametrize("name", RANGES)
 def test_the_ends_of_each_range_and_a_hundred_times_outside(name, tmp_path):
-    """One per cent inside nothing is doubted, one per cent outside it is; far outside a line is refused."""
     code, low, high, *_ = RANGES[name]
     for value, doubted in ((0.99 * low, 1), (1.01 * low, 0), (0.99 * high, 0), (1.01 * high, 1)):
         assert codes(material_file(tmp_path, **{name: value})) == ({code} if doubted else set())
@@ -102,7 +100,6 @@ COMMANDS = {
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_first_line_of_every_command(command, at):
-    """Fails where the warning is the fourth of five; quiet commands say it on standard error."""
     cases = [("density", 7.6), ("youngs_modulus", 1.5e12), ("radius", 6.0)]
     for name, value in cases if command == "curve" else cases[-1:]:
         words = (command, material_file(at, **{name: value}), *COMMANDS[command])
@@ -122,7 +119,6 @@ def test_the_first_line_of_every_command(command, at):
 
 
 def test_warnings_and_the_report_begin_with_it(at):
-    """Before those that were raised earlier in the fit; and what was accepted once is loaded again."""
     fit = ("--law", "constant", "--no-profiles")
     assert run("fit", material_file(at, radius=6.0), *fit)[0] == 0
     lines = (at / "results" / "report.md").read_text(encoding="utf-8").splitlines()
@@ -170,7 +166,6 @@ def test_falls_from_higher_than_anybody_drops_a_ball():
     ("columns", "falls"), [("h0 [m],h1 [m]", True), ("v_in [m/s],v_out [m/s]", False)]
 )
 def test_balls_that_fell_on_a_ball(columns, falls, tmp_path):
-    """Without a wall two spheres are meant, which balls are seldom dropped on."""
     csv = f"{columns}\n1,0.8\n2,1.5\n3,2.2\n"
     for below, expected in (("", {"no-wall"} if falls else set()), (WALL, set())):
         assert codes(material_file(tmp_path, below, csv, STEEL)) == expected

@@ -126,7 +126,6 @@ def test_uncertainties_of_points_come_on_top_of_what_is_shared():
 
 
 def test_points_in_any_order_have_the_same_covariances():
-    """`PointErrors` by hand: two points share an error, each has one of its own, in any order."""
     index = np.array([[0, 1, -1], [1, 2, -1], [2, 3, -1], [-1, -1, -1]])
     to_eps, to_v = np.array([[1.0, 2, 0], [3, 4, 0], [5, 6, 0], [0, 0, 0]]), np.zeros((4, 3))
     alone, eps = np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.3, 0.5, 0.8, 0.4])

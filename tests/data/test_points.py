@@ -71,7 +71,6 @@ def test_sets_that_differ_in_one_thing_differ_and_errors_are_one_statement():
 
 
 def test_one_limit_velocity_absurd_numbers_and_restitutions_above_one():
-    """Warnings are errors in these tests."""
     data = cal.RestitutionData([1.0], [0.9], PAIR)
     assert data.limit_velocity == pytest.approx(math.sqrt(3 * 3.10e8 / 8030), rel=1e-14)
     stated = cal.RestitutionData([1.0], [0.9], PAIR, limit_velocity=250)
@@ -135,7 +134,6 @@ EMBEDDED = {  # Table 1 of Zhou (2013): σ, ψ, and where the panels of Fig. 2 e
 
 
 def test_the_embedded_data_are_eq_17_over_the_ranges_of_the_paper():
-    """40 velocities evenly spaced above first yield, up to the end of each panel."""
     found = cal.paper_materials()
     assert [data.name for data in found] == list(EMBEDDED)
     for data, (body, sigma, psi, end) in zip(found, EMBEDDED.values(), strict=True):

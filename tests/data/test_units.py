@@ -45,7 +45,6 @@ ACCELERATIONS = {1.0: "m/s² | m/s^2 | m/s2 | m s^-2 | m s⁻² | ms^-2 | m_s2",
 
 
 def spelled(sizes):
-    """Each spelling with its size."""
     return [(unit, size) for size, units in sizes.items() for unit in units.split(" | ")]
 
 
@@ -90,7 +89,6 @@ def test_ratios(unit):
 
 
 def test_properties_of_the_bodies(read_toml):
-    """One material for each spelling of a pressure, a density or a length, in one file."""
     template = (
         '[[material]]\nname = "{}"\nyoungs_modulus = 2e11\npoisson_ratio = 0.3\ndensity = "{} {}"\n'
         'yield_strength = "{} {}"\nradius = "{} {}"\nlimit_velocity = "{} {}"\ndata = "m.csv"\n'

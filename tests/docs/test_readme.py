@@ -57,7 +57,6 @@ def test_python_prints_what_it_says(page, tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_the_tutorial_shows_what_its_fits_print(tmp_path, monkeypatch):
-    """As it stands, and then with its typing error corrected and the scatter estimated."""
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "notebooks" / "reference" / "tutorial.md").read_text(encoding="utf-8")
     (toml,), (csv,) = blocks(page, "toml"), blocks(page, "csv")
@@ -106,7 +105,6 @@ def helped(name) -> str:
 
 
 def test_material_files_are_read(tmp_path):
-    """Each with the CSV that stands below it, else with the README's."""
     (simulated,) = blocks(README, "csv")
     for page in PAGES:
         text = page.read_text(encoding="utf-8")

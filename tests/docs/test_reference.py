@@ -16,7 +16,6 @@ CHAPTERS = Path(__file__).parents[2] / "notebooks" / "reference"
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """The site, in the quietest way: warnings are errors in the tests."""
     out = tmp_path_factory.mktemp("reference")
     assert site.build(out) == []
     return out
@@ -45,7 +44,6 @@ def test_chapters_and_notebooks_are_pages_with_links_between_them(built):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_of_a_command_is_told(command):
-    """In its section, or in those of several commands."""
     text = (CHAPTERS / "commands.md").read_text(encoding="utf-8")
     sections = {part.partition("\n")[0]: part for part in re.split(r"^##+ ", text, flags=re.M)}
     common = sections["Common to all"] + sections["Which collision"]

@@ -30,7 +30,6 @@ ALLOWED = ("no doubt",)
 
 
 def idioms(text: str) -> list[str]:
-    """Words of the idiom in a text, with what stands around them."""
     text = " ".join(text.split())
     found = [text[max(m.start() - 25, 0) : m.end() + 15] for m in IDIOM.finditer(text)]
     return [one for one in found if not any(allowed in one for allowed in ALLOWED)]

@@ -181,7 +181,6 @@ def yade_force(text: str, mass: float = MASS) -> Callable:
 
 
 def yade_spring(text: str) -> tuple[float, Callable]:
-    """LudingMat."""
     material = yade_calls(text)["LudingMat"]
     assert material["kc"] == material["ks"] == material["G0"] == material["frictionAngle"] == 0
     return material["k1"], luding(material["k1"], material["kp"], material["PhiF"])

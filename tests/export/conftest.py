@@ -32,8 +32,6 @@ def exported(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def header(exported):
-    """The C header of a law itself."""
-
     def text(source, /, **options):
         settings = {"law": "exact", "steps": 50, "tolerance": 0.5} | options
         made, folder = exported(source, "c", **settings)
@@ -44,5 +42,4 @@ def header(exported):
 
 @pytest.fixture(scope="session")
 def in_c(header):
-    """That header compiled."""
     return lambda law, flags=(), **options: compiled(header(law, **options), flags)

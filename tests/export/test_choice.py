@@ -33,7 +33,6 @@ def curve(law, velocity):
 
 
 def test_viscoelastic_spheres_are_the_best_of_their_kind(exported):
-    """Against all dissipation times on a grid."""
     source, span = sj.ConstantRestitution(PAIR, 0.9), (50.0, 100.0)
     export, _ = exported(
         source, "lammps", velocity_range=span, law="viscoelastic", tolerance=0.9, steps=50

@@ -112,7 +112,6 @@ def acting(code: str, source: bytes, folder: Path):
 @needs_compiler
 @pytest.mark.parametrize("code", CODES)
 def test_no_name_of_a_material_acts_in_a_code(code, at):
-    """One name with everything in it is quick; each by itself is long."""
     options = [*NYLON, "--range", "2:2.1", "--quiet", "--to", code, "--export-law", "linear"]
     options += ["--steps", "30", "--tolerance", "0.2"]
     found = []
@@ -146,7 +145,6 @@ def test_a_wall_of_the_file_makes_its_line_act(at):
 
 @needs_compiler
 def test_the_contact_force_alone_gives_the_plastic_restitution(at):
-    """At as many steps as requested, and as soft."""
     common = (*STEEL, "--to", "c", "--export-law", "exact", "--steps", "400", "--tolerance", "0.1")
     export(*common, "--overlap", "0.03")
     export(*common, "--contact-force", "--out", "force")

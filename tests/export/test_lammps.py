@@ -57,7 +57,6 @@ def measured(folder, velocities, wall=None) -> np.ndarray:
 
 
 def with_steps(law, velocity, count):
-    """Settings for a number of steps in this impact's contact."""
     return [*LOAD, f"timestep {float(sj.restitution(law, velocity).duration) / count!r}"]
 
 
@@ -126,7 +125,6 @@ def gas(steps: int = 600) -> list[str]:
 
 
 def states(folder) -> np.ndarray:
-    """Positions and velocities in the order of their IDs."""
     return np.loadtxt(folder / "gas.dump", skiprows=9)[:, 1:]
 
 
@@ -241,7 +239,6 @@ def test_a_box_is_filled(how, plugin):
 
 
 def output_of(lines, folder) -> tuple[int, str]:
-    """LAMMPS' exit code and what it prints."""
     (folder / "in.run").write_text("\n".join(lines) + "\n", encoding="utf-8")
     command = [NEEDED[2], "-in", "in.run", "-log", "none"]
     ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)

@@ -21,7 +21,6 @@ RECORDED = Path(__file__).parent / "recorded"
 
 
 def found(name: str) -> dict:
-    """What a scenario finds now."""
     sj.enable_x64()
     numbers = Numbers()
     with drawn(), tempfile.TemporaryDirectory(prefix="softjax-golden-") as folder:
@@ -37,7 +36,6 @@ def recorded(name: str) -> dict:
 
 
 def moved(name: str, new: dict) -> list[str]:
-    """How it differs from what was recorded, one line a number."""
     return [f"{name}: {line}" for line in differences(recorded(name), new)]
 
 

@@ -16,7 +16,6 @@ QUICK = {"starts": 8, "profiles": False}
 
 
 def contact(material=simulated.ALLOY, radius=simulated.RADIUS, area="zhou"):
-    """Two equal spheres."""
     body = sj.Material(*material)
     return sj.Contact.between_spheres(body, body, radius, radius, area=area)
 

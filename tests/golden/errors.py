@@ -77,7 +77,6 @@ def record_left_out(numbers, left, name, weighted=False):
 
 @scenario
 def groups(numbers, folder):
-    """Four specimens with offsets."""
     velocity, restitution = simulated.rebounds(noise=0.002)
     group = np.arange(simulated.POINTS) % 4
     offset = np.array([0.004, -0.006, 0.003, 0.001])[group]
@@ -125,7 +124,6 @@ def flights_in_air(numbers, folder):
 
 @scenario
 def repeats(numbers, folder):
-    """Three shots at each of eight velocities, pooled."""
     velocity = np.repeat(simulated.around_yield()[::3], 3)
     pair = simulated.equal_spheres(simulated.ALLOY)
     exact = fit_oracle.curve(velocity, pair, 1.2, 0.9, 0.5)
@@ -177,7 +175,6 @@ def likelihood(numbers, folder):
 
 @scenario
 def refits(numbers, folder):
-    """A bootstrap by its seed."""
     found = plain_fit().bootstrap(40, seed=5)
     for name, (low, high) in found.intervals.items():
         numbers.error(f"limits of {name}", [low, high], (high - low) / 4)

@@ -71,7 +71,6 @@ class Scenario(NamedTuple):
 
 
 def scenario(run: Callable | None = None, *, long: bool = False) -> Callable:
-    """Make a function a scenario under its own name."""
     if run is None:
         return partial(scenario, long=long)
     SCENARIOS[run.__name__] = Scenario(run, long)
@@ -137,14 +136,12 @@ def _array(value: Any) -> np.ndarray:
 
 
 def _plain(array: np.ndarray, form: str = "%.15g") -> Any:
-    """Nested lists of rounded numbers, None where there is none."""
     if array.ndim:
         return [_plain(part, form) for part in array]
     return float(form % array) if np.isfinite(array) else None
 
 
 def to_text(table: dict) -> str:
-    """JSON, a number a line."""
     parts = []
     for mark, entries in table.items():
         lines = (

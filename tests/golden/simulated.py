@@ -31,7 +31,6 @@ def on_plate(material, plate, radius):
 
 
 def first_yield(pair):
-    """v_cr [m/s]."""
     E, R, M, Y, _, area = pair.values()
     k = 4 / 3 * E * np.sqrt(R)
     overlap = (2 * np.pi * area * R * Y / (3 * k)) ** 2
@@ -46,12 +45,10 @@ def around_yield(material=ALLOY, below=8):
 
 
 def noisy(exact, size, seed):
-    """With Gaussian noise, to five decimals."""
     return np.round(exact + size * np.random.default_rng(seed).standard_normal(len(exact)), 5)
 
 
 def rebounds(material=ALLOY, chi=1.2, sigma=0.9, psi=0.5, noise=0.003, seed=1, below=8):
-    """v [m/s] and ε of Zhou's law."""
     velocity = around_yield(material, below)
     return velocity, noisy(curve(velocity, equal_spheres(material), chi, sigma, psi), noise, seed)
 

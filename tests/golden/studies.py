@@ -13,7 +13,6 @@ SHOTS = [0.02, 0.06, 0.1, 0.3, 1.0, 5.0]
 
 @scenario
 def comparison(numbers, folder):
-    """Ranking, ln L, AIC and elpd of four laws."""
     laws = ["zhou", "thornton", "viscoelastic", "constant"]
     found = cal.compare(rebounds(), laws)
     numbers.text("error", "ranking", ", ".join(found.ranking))
@@ -46,7 +45,6 @@ def information(numbers, folder):
 
 @scenario
 def designs(numbers, folder):
-    """Where to measure next, by three criteria."""
     law = sj.Zhou(contact(), *LAW)
     for criterion in ("c", "D", "I"):
         found = cal.optimal_velocities(law, 8, (0.01, 8.0), criterion=criterion, uncertainty=0.003)

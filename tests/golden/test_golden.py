@@ -22,7 +22,6 @@ def test_every_scenario_is_recorded_and_no_other():
 
 
 def test_a_number_that_moves_is_named_and_recorded_anew():
-    """Beyond the tolerance of its mark; what did not move keeps its digits."""
     numbers = Numbers()
     numbers.physics("restitution", [0.5, None])
     numbers.estimate("chi", 2.0, 0.1)

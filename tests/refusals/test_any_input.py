@@ -156,7 +156,6 @@ ENTRIES = nested(st.text(max_size=4), st.none(), *NUMBERS_OF_RESULTS, WORDS)
 
 
 def places(table, way=()):
-    """All entries, by the way to them."""
     items = table.items() if isinstance(table, dict) else enumerate(table)
     for key, value in items:
         yield (*way, key)
@@ -170,7 +169,6 @@ CUT = st.tuples(st.integers(0, 100_000), st.binary(max_size=3))
 
 @some_and_many(150, st.lists(ENTRY, min_size=1, max_size=2) | st.lists(CUT, min_size=1, max_size=4))
 def test_any_result(tmp_path, changes):
-    """Entries of a fit.json changed or taken out, or bytes."""
     table, raw = genuine(), json.dumps(genuine()).encode()
     for place, new, *out in changes:
         every = list(places(table))

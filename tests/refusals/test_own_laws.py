@@ -199,8 +199,6 @@ def test_kinks_may_be_any_collection_of_overlaps():
 
 
 class Bumper(Line):
-    """A law with a radius of its own."""
-
     radius: float
 
 

@@ -13,7 +13,6 @@ LONGEST = 420  # characters beside the folder
 
 @pytest.mark.parametrize(("way", "name"), CASES)
 def test_a_refusal_names_place_value_and_what_is_accepted(way, name, tmp_path):
-    """A `ValueError` that knows its place: file and line, or the argument and its index."""
     where, words, *_ = CASES[way, name]
     error = refusal(way, name, tmp_path)
     assert isinstance(error, ValueError), "accepted"

@@ -17,7 +17,6 @@ PUBLIC = {f"calibration.{name}" for name in ("cli", "observables", "paper", "plo
 
 
 def behind(text: str) -> list[str]:
-    """Modules that a test file uses and should not, each with its line."""
     tree, lines = ast.parse(text), text.splitlines()
     docstring = ast.get_docstring(tree) or ""
 
@@ -30,7 +29,6 @@ def behind(text: str) -> list[str]:
 
 
 def used(tree: ast.Module):
-    """Dotted names that are imported, reached as attributes, or written as text."""
     names = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

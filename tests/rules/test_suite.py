@@ -83,7 +83,6 @@ def test_equivalents_are_read_by_file_and_both_lines_and_still_stand_in_their_fi
 
 @pytest.fixture
 def project(tmp_path):
-    """The module, and tests that notice most of it."""
     (tmp_path / "module.py").write_bytes(MODULE)
     (tmp_path / "tests").mkdir()
     body = (

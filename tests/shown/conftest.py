@@ -57,13 +57,11 @@ def alloy(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def main_job(tmp_path_factory):
-    """`softjax fit` of the paper's materials."""
     return shown(tmp_path_factory.mktemp("paper"), "fit", "--no-profiles")
 
 
 @pytest.fixture(scope="session")
 def compared(tmp_path_factory):
-    """Six laws on the alloy's data."""
     folder = tmp_path_factory.mktemp("compared")
     laws = "walton-braun,eq-17,thornton,thornton-fixed,constant,hertz"
     return shown(folder, "compare", write(folder, settings="profiles = false"), "--laws", laws)
@@ -71,7 +69,6 @@ def compared(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def studied(tmp_path_factory):
-    """All studies of nylon."""
     few = ("--points", "9", "--at", "1", "10", "--shots", "6", "--samples", "64")
     few += ("--from", "0.1", "--to", "60", "--seed", "2")
     return shown(tmp_path_factory.mktemp("studied"), "sensitivity", "nylon", "--study", "all", *few)

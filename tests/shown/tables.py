@@ -22,7 +22,6 @@ def markdown_tables(text: str) -> list[list[list[str]]]:
 
 
 def cells(line: str) -> list[str]:
-    """Words of a line that two or more spaces part."""
     return re.split(r"\s{2,}", line.strip())
 
 

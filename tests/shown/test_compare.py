@@ -120,7 +120,6 @@ def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path
 
 
 def test_exact_data_have_no_scores_and_a_fit_that_did_not_converge_is_named(tmp_path):
-    """What is undefined is null."""
     rows = "\n".join(f"{v},{0.8}" for v in VELOCITY)
     path = write(tmp_path)
     (tmp_path / "alloy.csv").write_text(f"velocity [m/s],restitution\n{rows}\n", encoding="utf-8")

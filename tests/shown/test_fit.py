@@ -59,7 +59,6 @@ def rise(k, value):
 
 
 def axes_of(figure):
-    """What the axes of every panel say: title, x label, y label, x scale."""
     return [(a.get_title(), a.get_xlabel(), a.get_ylabel(), a.get_xscale()) for a in figure.axes]
 
 
@@ -82,7 +81,6 @@ PICTURES = {
 
 
 def test_every_axis_says_what_it_is(alloy, main_job):
-    """Titles, symbols, units and scales against a literal table."""
     assert axes_of(main_job.figures["curves.png"]) == PICTURES["main"]
     assert axes_of(main_job.figures["correlation.png"]) == PICTURES["main correlation"]
     for name in ("curves", "profiles", "correlation"):
@@ -181,7 +179,6 @@ def test_correlations_are_ellipses_with_their_numbers(alloy, main_job):
 
 
 def test_the_main_job_says_what_it_found(main_job):
-    """Numbers of Table 1 and of least squares, within the width of a terminal."""
     assert (main_job.code, main_job.err) == (0, "")
     assert main_job.out.startswith("These data are a published fit of measurements, not")
     for printed in ("0.1368", "0.0239", "3.0432", "0.8352", "54.25", "χ̃: unloading", "1.794"):
@@ -247,7 +244,6 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
 
 
 def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
-    """Each cell against SciPy's fit, in the report and on the terminal."""
     (k1, values, errors), chi_squared = spring(alloy), best()[2]
     report, fit = alloy.text("report.md"), cal.FitResult.load(alloy.folder / "fit.json")
     bodies, parameters, quality = markdown_tables(report)[:3]
@@ -347,7 +343,6 @@ def test_a_value_is_rounded_to_its_error(value, error, text):
 
 
 def test_very_many_materials_are_drawn_as_far_as_anybody_reads(tmp_path):
-    """24 panels and a line that says so."""
     body = write(tmp_path).read_text(encoding="utf-8").partition("[[material]]")[2]
     each = ["[[material]]" + body.replace('"alloy"', f'"m{k}"', 1) for k in range(25)]
     write(tmp_path, toml="[fit]\n" + "".join(each))
@@ -394,7 +389,6 @@ def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_
 
 
 def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
-    """Title, table, first line of the report, message and exit code."""
     few = ("--law", "walton-braun", "--max-steps", "1", "--no-profiles")
     made = shown(tmp_path, "fit", write(tmp_path), *few)
     assert made.code == 1

@@ -17,7 +17,6 @@ SMALL, LARGE = 0.004, 0.012  # radii [m]
 
 
 def test_residuals_have_the_colour_of_their_size_and_a_unit_stands_at_value_and_interval(tmp_path):
-    """Viscoelastic spheres of two sizes: ε differs."""
     radius = np.repeat([SMALL, LARGE], 6)
     contact = sj.Contact.between_spheres(STEEL, STEEL, radius, radius)
     v = np.tile(np.geomspace(0.1, 1.0, 6), 2)
@@ -117,7 +116,6 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
 
 
 def test_titles_of_correlations_are_inside_the_picture(main_job, tmp_path):
-    """Of three materials, with the explanation of the colours below them."""
     figure = main_job.figures["correlation.png"]
     assert "blue: positive, orange: negative" in figure.get_supxlabel()
     cal.FitResult.load(main_job.folder / "fit.json").report(tmp_path)

@@ -31,7 +31,6 @@ LETTERS = {
 
 
 def restitution(v, **changed):
-    """ε of two nylon spheres with inputs changed by factors."""
     nylon = sj.NYLON
     of = {n: float(getattr(nylon, n)) * changed.get(n, 1.0) for n in list(LETTERS)[:4]}
     body, radius = sj.Material(**of), RADIUS * changed.get("radius", 1.0)
@@ -114,7 +113,6 @@ def test_an_effect_too_small_to_see_is_named_in_the_legend(tmp_path):
 
 
 def test_a_tornado_shows_what_one_percent_does(studied):
-    """The strongest on top, signs by side and colour."""
     for ax, v in zip(studied.figures["tornado.png"].axes, (1.0, 10.0), strict=True):
         assert ax.get_title() == f"$v$ = {v:g} m/s"
         assert straight(ax) == [0]

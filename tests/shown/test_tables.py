@@ -19,7 +19,6 @@ from tests.shown.test_fit import EPSILON, SPEED, best, curve
 
 
 def test_the_picture_of_a_fits_curve(tmp_path, alloy):
-    """The curve, its band and the data."""
     few = ("--points", "40", "--from", "0.1", "--to", "50")
     made = shown(tmp_path, "curve", "--fit", alloy.folder / "fit.json", *few)
     (ax,) = made.figures["curve.png"].axes

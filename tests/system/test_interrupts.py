@@ -74,13 +74,11 @@ def test_a_signal_that_garbage_collection_swallowed_stops_a_command(signalled, a
 
 
 def test_an_ignored_hangup_stays_ignored(signalled, at):
-    """As under nohup."""
     assert signalled(signal.SIGHUP, signal.SIG_IGN) == (0, "", "")
     assert len((at / "results" / "curve.csv").read_text().splitlines()) == 3
 
 
 def test_a_reader_that_has_gone_is_no_error():
-    """`softjax --help | head`."""
     read, write = os.pipe()
     os.close(read)
     done = subprocess.run([*COMMAND, "--help"], stdout=write, stderr=subprocess.PIPE, check=False)

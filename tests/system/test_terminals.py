@@ -17,8 +17,6 @@ from tests.shown.capture import drawn
 
 
 class Screen(io.StringIO):
-    """A terminal that keeps what is written to it."""
-
     encoding = "utf-8"  # type: ignore[assignment]
 
     def isatty(self) -> bool:

@@ -77,7 +77,6 @@ PLACES = {
 
 @pytest.mark.parametrize("place", PLACES, ids=range(len(PLACES)))
 def test_an_impossible_place(place, tmp_path, monkeypatch):
-    """Nothing is made, nothing is changed."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("mine")
     (tmp_path / "link").symlink_to("nowhere")
@@ -105,7 +104,6 @@ def without_rights():
 
 
 def test_a_folder_without_permission(tmp_path):
-    """Refused before anything is computed."""
     for folder in [tmp_path, *list(tmp_path.parents)[:-2]]:
         if folder.owner() == tmp_path.owner():
             folder.chmod(0o755)
@@ -126,7 +124,6 @@ def test_a_result_not_saved_is_an_os_error(tmp_path):
 
 
 def redirected(streams, *words, **more):
-    """A command whose standard streams the shell redirects."""
     return subprocess.run(
         ["sh", "-c", f'"$@" {streams}', "sh", *COMMAND, *map(str, words)],
         capture_output=True,
