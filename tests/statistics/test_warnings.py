@@ -1,6 +1,7 @@
 """Each warning is raised by data that must raise it, and not by their neighbours; thresholds from both sides."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -54,16 +55,8 @@ def collinear(curve):
     return falling(cal.RestitutionData(velocity, 1 - 0.1 * velocity + noise), curve)
 
 
-def misfit(name, **options):
-    return cal.fit(eq_17_data(name, 40, noise=0.003, **options), **TWO_STEP)
-
-
-def bounces(slope):
-    """As a golf ball's, scattered about one ε, or falling."""
-    random = np.random.default_rng(11)
-    velocity = random.uniform(1.2, 4.2, 150)
-    noise = 0.012 * random.standard_normal(150)
-    return cal.fit(cal.RestitutionData(velocity, 0.896 - slope * velocity + noise))
+def misfit(name):
+    return cal.fit(eq_17_data(name, 40, noise=0.003), **TWO_STEP)
 
 
 def scattered(high):
@@ -137,9 +130,7 @@ CASES = {
     "sigma-psi-not-separate": lambda: [zhou(CHROME, None, u, 1) for u in (0.02, 0.0005)],
     # two slopes that differ by a slight bend; and by one that shows
     "collinear": lambda: (collinear(1e-1), collinear(1.0)),
-    "model-misfit": lambda: (misfit(STEEL, uncertainty=0.003), misfit(CHROME, uncertainty=0.003)),
-    "model-misfit, no u": lambda: (misfit(STEEL), misfit(CHROME)),
-    "no-velocity-dependence": lambda: (bounces(0.0), bounces(0.02)),
+    "model-misfit": lambda: (misfit(STEEL), misfit(CHROME)),
     # just above yield the law gains energy; farther up it does not
     "status": lambda: [zhou(CHROME, np.linspace(low, 25, 30)) for low in (1.005, 1.3)],
     "all-below-yield": lambda: [cal.fit(eq_17_data("nylon", y=np.linspace(0.1, y, 20), **BELOW), **QUICK) for y in (0.9, 5.0)],
@@ -175,13 +166,12 @@ def test_raised_by_one_and_not_by_its_neighbour(case):
 
 # thresholds, by constants fitted to residuals that are made to measure
 
-SIDES = pytest.mark.parametrize(("by", "is_raised"), [(0.995, False), (1.005, True)])
 
-
-def constant(residual, velocity=None, uncertainty=None):
+def constant(residual, velocity=None, uncertainty=None, group=None):
     """A constant ε about residuals of mean zero."""
     velocity = np.arange(1.0, len(residual) + 1) if velocity is None else velocity
-    data = cal.RestitutionData(velocity, 0.8 + 0.01 * residual, uncertainty=uncertainty)
+    e = 0.8 + 0.01 * residual
+    data = cal.RestitutionData(velocity, e, uncertainty=uncertainty, group=group)
     return cal.fit(data, "constant", profiles=False, starts=1)
 
 
@@ -189,32 +179,108 @@ def alternating(n):
     return np.where(np.arange(n) % 2, 1.0, -1.0)
 
 
-@SIDES
-def test_a_misfit_is_one_that_noise_makes_once_in_a_hundred(by, is_raised):
-    """χ² of 13 points and one parameter."""
+def chi_squared(by):
+    """Of 13 points and one parameter."""
     residual = np.append(alternating(12), 0.0)
-    chi_squared = by * stats.chi2.ppf(0.99, 12)
-    u = 0.01 * np.sqrt(np.sum(residual**2) / chi_squared)
-    assert ("model-misfit" in codes(constant(residual, uncertainty=u))) == is_raised
+    u = 0.01 * np.sqrt(np.sum(residual**2) / (by * stats.chi2.ppf(0.99, 12)))
+    return constant(residual, uncertainty=u)
 
 
-@SIDES
-def test_a_misfit_against_repeats_is_an_f_test(by, is_raised):
+def f_test(by):
     """Means of four repeats each, whose pooled scatter has 3 degrees a velocity."""
     means, repeats = np.tile([1.0, -1.0], 3), np.tile([1.0, -1.0, 1.0, -1.0], 6)
     size = np.sqrt(np.sum(means**2) / 5 / (by * stats.f.ppf(0.99, 5, 18)) * 4)  # of one repeat
     size *= np.sqrt(18 / 24)  # their pooled variance is 24/18 of its square
     velocity = np.repeat(np.arange(1.0, 7), 4)
     e = 0.8 + 0.001 * (np.repeat(means, 4) + size * repeats)
-    result = cal.fit(cal.RestitutionData(velocity, e).averaged(), "constant", starts=1)
-    assert ("model-misfit" in codes(result)) == is_raised
+    return cal.fit(cal.RestitutionData(velocity, e).averaged(), "constant", starts=1)
+
+
+def prior(by):
+    data = cal.RestitutionData(np.arange(1.0, 13), 0.8 + 1e-4 * alternating(12), uncertainty=1e-4)
+    parameters = {"restitution": Free(0.8, prior=(0.8 - 0.03 * by, 0.01))}
+    return cal.fit(data, "constant", parameters, profiles=False, starts=1)
+
+
+def neighbours(by):
+    """√n times the first autocorrelation at the normal distribution's 99 %; not where rows are in order."""
+    velocity = np.array([5.0, 1, 9, 3, 11, 7, 6, 12, 2, 10, 4, 8])  # many runs along it
+    slow, fast = np.repeat([1.0, -1.0], 6), alternating(12)
+
+    def excess(weight):
+        r = weight * slow + fast
+        return np.sum(r[1:] * r[:-1]) / np.sum(r * r) - stats.norm.ppf(0.99) / np.sqrt(12)
+
+    residual = optimize.brentq(excess, 1.0, 50.0) * by * slow + fast
+    assert "groups" not in codes(constant(residual))
+    return constant(residual, velocity)
+
+
+def grubbs(by):
+    """Groups of six alike points, whose own errors are small: the means' test by SciPy's t."""
+    means = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    limit = stats.t.ppf(1 - 0.005 / 6, 4)
+    means = np.append(means, by * limit * np.std(means, ddof=1) * np.sqrt(1 + 1 / 5))
+    residual = 0.1 * np.repeat(means, 6) + 1e-3 * alternating(36)
+    return constant(residual, np.linspace(1, 5, 36), group=[*np.repeat([*"abcdef"], 6)])
+
+
+def off_as_a_whole(by, stated=False):
+    """ε is shared with a set that decides it; what lies above would count as scatter."""
+    noise = 0.005 * np.sqrt(11 / 12) * alternating(12)
+    error = np.std(noise, ddof=1) / np.sqrt(12)
+    off, velocity = by * stats.t.ppf(0.995, 11) * error, np.linspace(1, 5, 12)
+    u = (1e-7, 0.001) if stated else (None, None)
+    sets = [
+        cal.RestitutionData(velocity, 0.8 + 1e-6 * alternating(12), name="a", uncertainty=u[0]),
+        cal.RestitutionData(velocity, 0.8 + off + noise, name="b", uncertainty=u[1]),
+    ]
+    parameters = {"restitution": Free(shared=True)}
+    return cal.fit(sets, "constant", parameters, extra_scatter=stated, profiles=False, starts=1)
+
+
+def slope(by, u=None):
+    """Of nine points as SciPy has it; raised where it is not distinguished from 0."""
+    velocity = np.linspace(1, 5, 9)
+    noise = np.random.default_rng(2).standard_normal(9)
+    noise -= np.polyval(np.polyfit(velocity, noise, 1), velocity)
+    reach = stats.t.ppf(0.975, 7) * stats.linregress(velocity, noise + velocity).stderr
+    if u is not None:
+        reach = stats.norm.ppf(0.975) / np.sqrt(15)
+    return constant(reach / by * (velocity - 3) + noise, velocity, u)
+
+
+SIDED = {  # and words of the cause
+    "model-misfit": (chi_squared, ""),
+    "model-misfit, of repeats": (f_test, ""),
+    "prior-conflict": (prior, "restitution is 0.8, 3"),
+    "groups": (neighbours, ""),
+    "offset, of a group": (grubbs, "group f is of"),
+    "offset, of a set": (off_as_a_whole, "above the curve"),
+    "offset, beside stated errors": (partial(off_as_a_whole, stated=True), "above the curve"),
+    "no-velocity-dependence": (slope, ""),
+    "no-velocity-dependence, stated": (partial(slope, u=0.01), ""),
+}
+
+
+@pytest.mark.parametrize("case", SIDED)
+def test_raised_beyond_a_quantile_and_not_before(case):
+    made, words = SIDED[case]
+    for by in (0.995, 1.005):
+        found = [one for one in made(by).warnings if one.code == case.split(",")[0]]
+        assert [words in one.cause for one in found] == [True] * (by > 1)
+        assert all(one.material == "b" for one in found if words == "above the curve")
 
 
 def test_runs_are_wald_s_and_wolfowitz_s():
     """As few runs of ten and ten signs as chance makes in a hundred, and one more; along the velocity."""
     mean, deviation = 11.0, np.sqrt(10 * 9 / 19)
     few = max(n for n in range(2, 12) if stats.norm.cdf((n - mean) / deviation) < 0.01)
-    assert "residual-runs" in codes(constant(with_runs(few)))
+    for group in (None, ["a", "b"] * 10):
+        found = constant(with_runs(few), group=group).warnings
+        (one,) = (warning for warning in found if warning.code == "residual-runs")
+        assert ("column" in one.advice) == (group is None)
+        assert "compare" in one.advice
     assert "residual-runs" not in codes(constant(with_runs(few + 1)))
     order = np.random.default_rng(0).permutation(20)
     shuffled = constant(with_runs(few)[order], np.arange(1.0, 21)[order])
@@ -228,16 +294,6 @@ def test_runs_are_wald_s_and_wolfowitz_s():
         )
         fixed = cal.fit(data, "constant", {"restitution": 0.8}, starts=1)
         assert ("residual-runs" in codes(fixed)) == (count == 10)
-
-
-@pytest.mark.parametrize("group", [None, ["a", "b"] * 10])
-def test_runs_advise_a_group_column_only_where_there_is_none(group):
-    data = cal.RestitutionData(np.arange(1.0, 21), 0.8 + 0.001 * with_runs(2), group=group)
-    (found,) = (
-        w for w in cal.fit(data, "constant", starts=1).warnings if w.code == "residual-runs"
-    )
-    assert ("column" in found.advice) == (group is None)
-    assert "compare" in found.advice
 
 
 def with_runs(count):
@@ -256,76 +312,6 @@ def test_which_way_the_scatter_goes_is_said_and_one_velocity_shows_no_slope():
     result = constant(np.array([1.0, -1.0, 0.5, 0.0]), np.full(4, 2.0))
     (warning,) = (one for one in result.warnings if one.code == "no-velocity-dependence")
     assert warning.cause == "all points have one velocity, 2 m/s"
-
-
-@SIDES
-def test_a_prior_is_contradicted_beyond_three_of_its_deviations(by, is_raised):
-    data = cal.RestitutionData(np.arange(1.0, 13), 0.8 + 1e-4 * alternating(12), uncertainty=1e-4)
-    parameters = {"restitution": Free(0.8, prior=(0.8 - 0.03 * by, 0.01))}
-    result = cal.fit(data, "constant", parameters, profiles=False, starts=1)
-    causes = [one.cause for one in result.warnings if one.code == "prior-conflict"]
-    assert [cause[:21] for cause in causes] == ["restitution is 0.8, 3"] * is_raised
-
-
-@SIDES
-def test_neighbours_are_alike_from_a_correlation_on(by, is_raised):
-    """√n times the first autocorrelation at the normal distribution's 99 %; not where rows are in order."""
-    velocity = np.array([5.0, 1, 9, 3, 11, 7, 6, 12, 2, 10, 4, 8])  # many runs along it
-    slow, fast = np.repeat([1.0, -1.0], 6), alternating(12)
-
-    def excess(weight):
-        r = weight * slow + fast
-        return np.sum(r[1:] * r[:-1]) / np.sum(r * r) - stats.norm.ppf(0.99) / np.sqrt(12)
-
-    weight = optimize.brentq(excess, 1.0, 50.0)
-    residual = weight * by * slow + fast
-    assert ("groups" in codes(constant(residual, velocity))) == is_raised
-    assert "groups" not in codes(constant(residual))
-
-
-@SIDES
-def test_a_group_far_from_the_others_is_named_by_grubbs_test(by, is_raised):
-    """Groups of six alike points, whose own errors are small: the means' test by SciPy's t."""
-    means = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-    limit = stats.t.ppf(1 - 0.005 / 6, 4)
-    means = np.append(means, by * limit * np.std(means, ddof=1) * np.sqrt(1 + 1 / 5))
-    names = np.repeat([*"abcdef"], 6)
-    e = 0.8 + 0.001 * np.repeat(means, 6) + 1e-5 * alternating(36)
-    data = cal.RestitutionData(np.linspace(1, 5, 36), e, group=[*names])
-    result = cal.fit(data, "constant", profiles=False, starts=1)
-    causes = [one.cause for one in result.warnings if one.code == "offset"]
-    assert [cause[:13] for cause in causes] == ["group f is of"] * is_raised
-
-
-@SIDES
-@pytest.mark.parametrize("stated", [True, False])
-def test_a_set_off_the_common_curve_as_a_whole_is_named(by, is_raised, stated):
-    """ε is shared with a set that decides it; what lies above would count as scatter."""
-    noise = 0.005 * np.sqrt(11 / 12) * alternating(12)
-    error = np.std(noise, ddof=1) / np.sqrt(12)
-    off, velocity = by * stats.t.ppf(0.995, 11) * error, np.linspace(1, 5, 12)
-    u = (1e-7, 0.001) if stated else (None, None)
-    sets = [
-        cal.RestitutionData(velocity, 0.8 + 1e-6 * alternating(12), name="a", uncertainty=u[0]),
-        cal.RestitutionData(velocity, 0.8 + off + noise, name="b", uncertainty=u[1]),
-    ]
-    parameters = {"restitution": Free(shared=True)}
-    result = cal.fit(sets, "constant", parameters, extra_scatter=stated, profiles=False, starts=1)
-    causes = [one.cause for one in result.warnings if one.code == "offset" and one.material == "b"]
-    assert ["above the curve" in cause for cause in causes] == [True] * is_raised
-
-
-@SIDES
-def test_a_slope_is_told_from_none_by_student_s_t(by, is_raised):
-    """As SciPy has it, of nine points; raised where the slope is not distinguished from 0."""
-    velocity = np.linspace(1, 5, 9)
-    noise = np.random.default_rng(2).standard_normal(9)
-    noise -= np.polyval(np.polyfit(velocity, noise, 1), velocity)
-    error = stats.linregress(velocity, noise + velocity).stderr
-    slope = stats.t.ppf(0.975, 7) * error / by
-    for u, reach in ((None, slope), (0.01, stats.norm.ppf(0.975) / np.sqrt(15) / by)):
-        result = constant(reach * (velocity - 3) + noise, velocity, u)
-        assert ("no-velocity-dependence" in codes(result)) == is_raised
 
 
 def test_a_slope_s_error_has_the_scatter_that_is_estimated_in_addition():
