@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -87,62 +86,6 @@ def test_values_errors_and_bands_are_scipy_s(name, stated):
             np.testing.assert_allclose(result.intervals[label], ends, rtol=1e-5)
 
 
-def test_a_viscoelastic_contact_is_fitted_through_its_closed_form():
-    """ε of A is one number's function, whose slope SciPy takes by differences of the ODE."""
-    velocity = np.geomspace(0.05, 2.0, 12)
-
-    def curve(log):
-        law = sj.ViscoelasticHertz(PAIR, float(np.exp(log[0])))
-        return np.asarray(sj.restitution(law, velocity, route=sj.ODE(rtol=1e-10)).coefficient)
-
-    noise = 0.003 * np.random.default_rng(1).standard_normal(12)
-    data = cal.RestitutionData(velocity, curve([np.log(4e-6)]) + noise, PAIR)
-    result = cal.fit(data, "viscoelastic", **QUICK)
-    found = optimize.least_squares(lambda x: curve(x) - data.restitution, [np.log(3e-6)], "3-point")
-    error = np.sqrt(2 * found.cost / 11 / (found.jac.T @ found.jac)[0, 0])
-    assert np.log(result.values["dissipation_time"]) == pytest.approx(found.x[0], abs=1e-4 * error)
-    relative = result.standard_errors["dissipation_time"] / result.values["dissipation_time"]
-    assert relative == pytest.approx(error, rel=1e-4)
-
-
-def linked(contact, a, b):
-    """p_y/Y = a + b ln(E/Y) of Thornton's law."""
-    return sj.Thornton(contact, a + b * jnp.log(contact.yield_ratio))
-
-
-def test_a_link_over_three_materials_is_one_fit():
-    """Shared a and b by SciPy; the law of each material is built with its own E/Y."""
-    pairs = {name: pair(name) for name in TRUTH}
-    y = np.geomspace(5, 500, 12)
-    slowest = {n: float(p.critical_velocity) / np.pi ** (5 / 3) for n, p in pairs.items()}
-
-    def curve(name, a, b):
-        factor = a + b * np.log(float(pairs[name].yield_ratio))
-        return thornton(y * slowest[name], factor, slowest[name])
-
-    random = np.random.default_rng(1)
-    sets = [
-        cal.RestitutionData(
-            y * slowest[n], curve(n, 0.5, 0.3) + 0.003 * random.standard_normal(12), p, 0.003, n
-        )
-        for n, p in pairs.items()
-    ]
-    shared = {"a": Free(0.8, shared=True), "b": Free(0.1, shared=True)}
-    result = cal.fit(sets, linked, shared, **QUICK)
-    off = lambda x: np.concatenate([(curve(d.name, *x) - d.restitution) / 0.003 for d in sets])  # noqa: E731
-    found = optimize.least_squares(off, [0.8, 0.1], "3-point", xtol=1e-14)
-    covariance = np.linalg.inv(fit_oracle.curvature(off, found.x, found.jac))
-    assert result.covariance_names == ("a", "b")
-    for k, name in enumerate("ab"):
-        assert result.values[f"{name}[nylon]"] == pytest.approx(found.x[k], rel=1e-6)
-        assert result.values[name] == result.values[f"{name}[nylon]"]
-    np.testing.assert_allclose(result.covariance, covariance, rtol=1e-4)
-    for name, law in result.law.items():
-        factor = found.x[0] + found.x[1] * np.log(float(pairs[name].yield_ratio))
-        assert float(np.asarray(law.yield_factor)) == pytest.approx(factor, rel=1e-6)
-    assert result.unloading_line is None
-
-
 def test_what_the_fit_does_not_determine_is_said():
     """Zhou's law without points below v_cr determines nothing there; with points below alone, no χ̃."""
     above = cal.fit(twin("nylon", np.geomspace(1.3, 40, 20), 0.002), **QUICK)
@@ -158,19 +101,6 @@ def test_what_the_fit_does_not_determine_is_said():
     np.testing.assert_array_equal(below.determined(v), [True, True, False, False])
     assert below.values["chi"] is None
     assert np.all(cal.fit(twin("nylon", noise=0.002), **QUICK).determined(v))
-
-
-def test_a_variant_of_zhou_s_law_is_what_is_fitted():
-    """The curve of the variant that made the data is met to its noise of none, and saved as such."""
-    form, kappa, area = "full", "printed", "hertz"
-    contact = pair("nylon", area)
-    law = sj.Zhou(contact, 0.3, 0.4, 0.5, form=form, kappa=kappa)
-    velocity = np.geomspace(0.03, 4.0, 24) * float(contact.critical_velocity) / 0.1
-    data = cal.RestitutionData(velocity, sj.restitution(law, velocity).coefficient, contact)
-    result = cal.fit(data, None, {"form": form, "kappa": kappa}, **QUICK)
-    assert result.values["chi"] == pytest.approx(0.3, rel=1e-6)
-    assert (result.law.form, result.law.kappa) == (form, kappa)
-    assert (result.settings["area"], result.settings["form"]) == (area, form)
 
 
 def test_a_sphere_on_a_wall_and_many_radii_in_one_set():
@@ -249,14 +179,3 @@ def test_outliers_lose_their_pull_under_student_s_t(size):
         assert outlier.residual == pytest.approx(off / np.sqrt(1 - leverage[row]), rel=1e-5)
         assert outlier.weight == pytest.approx(4 / (4 + off**2), rel=1e-4)
         assert (outlier.velocity, outlier.line) == (v[row], None)
-
-
-def test_an_outlier_s_residual_is_over_what_such_a_residual_scatters_by():
-    """Of n points about their mean, u √(1 - 1/n)."""
-    e = np.full(20, 0.85) + 0.004 * np.cos(np.arange(20.0))
-    e[6] = 0.90
-    data = cal.RestitutionData(np.linspace(1, 5, 20), e, uncertainty=0.01)
-    (outlier,) = cal.fit(data, "constant", **QUICK).outliers
-    assert (outlier.row, outlier.value) == (7, 0.90)
-    assert str(outlier).startswith("row 7, v = 2.263 m/s, ε = 0.9: +")  # 1 + 4 · 6/19 m/s
-    assert outlier.residual == pytest.approx((0.90 - np.mean(e)) / (0.01 * np.sqrt(0.95)), rel=1e-6)

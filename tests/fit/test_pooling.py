@@ -95,30 +95,6 @@ def test_specimens_that_are_alike_have_no_spread():
         assert value == pytest.approx(together.values["restitution"], abs=1e-6)
 
 
-def test_a_specimen_with_few_points_borrows_from_the_others():
-    """Noise not stated; rates on the logarithm's scale, where the spread is a relative one."""
-    random = np.random.default_rng(1)
-    rates = 0.1 * np.exp(0.1 * random.standard_normal(4))
-    sets = []
-    for name, rate, count in zip("abce", rates, (12, 12, 12, 3), strict=True):
-        v = np.linspace(0.5, 4.0, count)
-        errors = 0.01 * random.standard_normal(count)
-        sets.append(cal.RestitutionData(v, 0.95 * np.exp(-rate * v) + errors, name=name))
-    parameters = {"rate": cal.Parameter(shared="pooled")}
-    pooled = cal.fit(sets, Decay, parameters, profiles=False, starts=1)
-    alone = cal.fit(sets, Decay, profiles=False, starts=1)
-    assert pooled.converged
-    center = np.log(pooled.values["rate"])
-    few, with_it = (np.log(fit.values["rate[e]"]) for fit in (alone, pooled))
-    assert abs(with_it - center) < abs(few - center)
-    width = [np.ptp(fit.intervals["rate[e]"]) for fit in (alone, pooled)]
-    assert width[1] < 0.8 * width[0]
-    much = [np.log(fit.values["rate[a]"]) for fit in (alone, pooled)]
-    assert abs(much[0] - much[1]) < 0.3 * abs(few - with_it)
-    low, high = pooled.intervals["rate_spread"]
-    assert low < 0.1 < high
-
-
 def test_likelihood_functions_know_the_pool():
     """Members' density about the mean, on the scale that is searched: a log-normal one."""
     sets = [cal.RestitutionData(V, 0.9 * np.exp(-0.1 * V), name=n, uncertainty=0.01) for n in "ab"]

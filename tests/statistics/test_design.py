@@ -10,7 +10,7 @@ import calibration as cal
 import softjax as sj
 from tests.cases import fitted
 from tests.decay import Decay
-from tests.statistics.test_information import QUICK, decays, known, specimens
+from tests.statistics.test_information import QUICK, decays
 from tests.statistics.test_information import rows as slopes_of
 
 DECAY = Decay(0.95, 0.05)
@@ -125,22 +125,6 @@ def test_what_follows_from_the_parameters_is_a_target():
     assert found.relative_errors["sigma"] is None
 
 
-def test_a_curve_is_predicted_where_it_is_asked_for():
-    options = {"criterion": "I", "starts": 2}
-    low, high = (
-        cal.optimal_velocities(DECAY, 6, BOUNDS, over=o, **options) for o in ((1, 5), (40, 60))
-    )
-    assert "The root mean square of the standard error of ε from 40 to 60 m/s (crit" in str(high)
-    assert "ln" not in str(high)
-    assert np.mean(low.velocity) < np.mean(high.velocity)
-    curve = rows(np.linspace(40.0, 60.0, 4001))
-    of_high, of_low = (
-        np.mean(np.einsum("ki,ij,kj->k", curve, covariance(one.velocity), curve))
-        for one in (high, low)
-    )
-    assert of_high < 0.7 * of_low
-
-
 def test_what_is_measured_already_counts():
     old = np.linspace(1.0, 20.0, 10)
     options = {"measured": old, "measured_uncertainty": 0.002, "uncertainty": 0.01}
@@ -170,27 +154,6 @@ def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():
     expected = np.sqrt(np.mean(np.square(each), axis=0))
     np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-6)
     assert found.before is None
-
-
-@pytest.mark.parametrize("criterion", ["A", pytest.param("I", marks=pytest.mark.long)])
-def test_a_design_beside_specimens_is_as_good_as_the_best_on_a_grid(criterion):
-    """Of a fit its points and its noise are taken."""
-    result, bounds = cal.fit(specimens(), Decay, **QUICK), (1.0, 30.0)
-    before, variance = known(result), sum(result.materials[0].variances.values())
-    found = cal.optimal_velocities(result, 3, bounds, criterion=criterion, starts=3)
-    fine = rows(np.linspace(*bounds, 4001), **result.values)
-    weight = np.eye(2) / 2 if criterion == "A" else fine.T @ fine / len(fine)
-
-    def mean_variance(v):
-        slopes = rows(v, **result.values)
-        return np.trace(weight @ np.linalg.inv(before + slopes.T @ slopes / variance))
-
-    grid = np.linspace(*bounds, 30)
-    triples = ((a, b, c) for a in grid for b in grid[grid >= a] for c in grid[grid >= b])
-    best = min(mean_variance(v) for v in triples)
-    assert mean_variance(found.velocity) == pytest.approx(best, rel=1e-3)
-    alone = np.sqrt(np.diag(np.linalg.inv(before)))
-    np.testing.assert_allclose(list(found.before.values()), alone, rtol=1e-5)
 
 
 def test_shots_at_a_data_set_are_aimed_at_its_own_parameter():

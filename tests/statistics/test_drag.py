@@ -56,23 +56,6 @@ def test_the_error_of_the_drag_is_shared_by_all_points_and_absent_in_a_vacuum():
     assert "air_drag" not in cal.fit(bare, "constant", **QUICK).values
 
 
-def test_the_noise_of_the_points_is_not_taken_for_drag():
-    """2000 drops with the drag that is taken out: c is 0 within its error, which is far below 0.1."""
-    random = np.random.default_rng(7)
-    table = {"drop_height": random.uniform(0.05, 2.0, 2000)}
-    table["rebound_height"] = 0.7 * table["drop_height"]
-    noisy = 0.85 + 0.02 * random.standard_normal(2000)
-    for _ in range(2):
-        data = cal.RestitutionData.from_table(table, uncertainty=0.02, **BALL)
-        table["rebound_height"] = table["rebound_height"] * (noisy / data.restitution) ** 2
-    data = cal.RestitutionData.from_table(table, uncertainty=0.02, **BALL)
-    result = cal.fit(data, "constant", **QUICK)
-    error = result.standard_errors["air_drag"]
-    assert error < 0.05
-    assert abs(result.values["air_drag"]) < 3 * error
-    assert abs(result.values["restitution"] - 0.85) < 3 * result.standard_errors["restitution"]
-
-
 def test_drag_moves_the_velocity_that_other_observables_are_compared_at():
     """Falls of a 3 mm ball with 5 % more and less drag, integrated: Hertz's times go with v^-1/5, forces rise with v."""
     drop, radius = np.geomspace(0.2, 2.0, 12), 1.5e-3

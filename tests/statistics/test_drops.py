@@ -78,21 +78,6 @@ def test_table_and_profile_have_the_interval_of_scipy(data, result):
         assert lowest(end) - best == pytest.approx(stats.chi2.ppf(0.95, 1), rel=0.05)
 
 
-def test_the_lower_of_two_minima_is_found():
-    """Drops without noise that χ̃ = 6.71 made: the likelihood has another minimum at 4.45."""
-    ball, plate = (sj.Material(*one) for one in (simulated.BRONZE, simulated.PLATE))
-    contact = sj.Contact.with_wall(ball, plate, 0.006)
-    drop = np.repeat([0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0], 3)
-    ratio = float(contact.critical_velocity / contact.limit_velocity)
-    sigma = -np.log(0.9868) / (ratio / (1 - ratio)) ** 0.5
-    v = np.sqrt(2 * simulated.GRAVITY * drop)
-    e = fit_oracle.curve(v, fit_oracle.numbers(contact), 6.71, sigma, 0.5)
-    table = {"drop_height": drop, "rebound_height": e**2 * drop}
-    made = cal.RestitutionData.from_table(table, contact, air=False, **HEIGHTS)
-    result = cal.fit(made, profiles=False)
-    assert result.values["chi"] == pytest.approx(6.71, abs=0.05)
-
-
 def test_bootstrap_comparison_band_and_plan_agree(data, result):
     """One more drop from the same height scatters as those measured did; none is planned from low down."""
     near = 0.1 * width(result)

@@ -5,7 +5,6 @@ import pytest
 from scipy import optimize, stats
 
 import calibration as cal
-import softjax as sj
 from tests.fit_oracle import hessian
 
 TIMING = 3e-4
@@ -84,40 +83,6 @@ def test_variances_of_trains_are_those_of_the_largest_restricted_likelihood(stat
     assert known <= result.standard_errors["restitution"] * (1 + 1e-6) < 1.3 * known
     apart = 1 / np.sqrt(np.sum(1 / np.diag(matrix(found))))  # as if consecutive ε shared nothing
     assert apart > 1.3 * known
-
-
-def test_variances_end_where_the_likelihood_is_largest_though_it_bends_the_other_way():
-    """On the way of this seed a step shortened element by element went uphill, and the fit took turns."""
-    ball = sj.Material(youngs_modulus=3e9, poisson_ratio=0.4, density=1400, yield_strength=60e6)
-    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
-    law, times = sj.ViscoelasticHertz(contact, dissipation_time=2e-6), []
-    for first in (3.0, 3.15, 3.3):
-        velocity, time = first, 0.0
-        for _ in range(9):
-            times.append(time)
-            velocity *= float(sj.restitution(law, velocity).coefficient)
-            time += 2 * velocity / 9.80665
-    noise = np.random.default_rng(124).standard_normal(54)[27:]
-    table = {"launch": np.repeat(["a", "b", "c"], 9), "time": times + 2e-4 * noise}
-    data = cal.RestitutionData.from_table(table, contact=contact, air=False)
-    result = cal.fit(data, "viscoelastic", profiles=False, **QUICK)
-    assert result.converged
-    assert result.materials[0].timing == pytest.approx(2e-4, rel=0.3)
-
-
-def test_variances_of_specimens_count_no_direction_that_the_points_cannot_move():
-    """At a second minimum σ acts on next to nothing: with its slope the likelihood had no bound below."""
-    ball = sj.Material(youngs_modulus=70e9, poisson_ratio=0.33, density=2700, yield_strength=250e6)
-    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
-    velocity, specimen = np.geomspace(0.01, 6, 30), np.arange(30) % 5
-    exact = sj.restitution(sj.Zhou(contact, chi=1.5, sigma=0.8, psi=0.5), velocity).coefficient
-    random = np.random.default_rng(1005)
-    noise, offset = 0.002 * random.standard_normal(30), 0.004 * random.standard_normal(5)
-    measured, labels = np.asarray(exact) + noise + offset[specimen], list(map(str, specimen))
-    data = cal.RestitutionData(velocity, measured, contact=contact, group=labels)
-    result = cal.fit(data, profiles=False)
-    assert result.converged
-    assert result.materials[0].variances["scatter"] == pytest.approx(0.002**2, rel=0.5)
 
 
 def specimens(groups=6, each=5, offset=0.003, scatter=0.0015, seed=2, u=None):
@@ -275,22 +240,3 @@ def test_scatter_next_to_another_set_at_its_bound_is_as_if_that_was_given():
     fixed = cal.fit(sets, parameters=given, profiles=False)
     for one, other in zip(free.materials, fixed.materials, strict=True):
         assert one.variances["scatter"] == pytest.approx(other.variances["scatter"], rel=1e-5)
-
-
-def test_a_fit_converges_although_one_interval_was_read_six_per_cent_long():
-    """All noise is then of times, and costs are rounded where the gradient of the slopes is not zero."""
-    ball = sj.Material(71e9, 0.33, 2700.0, 280e6)
-    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.0125)
-    law, random = sj.Zhou(contact, chi=1.2, sigma=3.0, psi=0.5), np.random.default_rng(11)
-    times, labels = [], []
-    for launch in range(3):
-        v = 4.43
-        for bounce in range(8):
-            e = float(sj.restitution(law, v).coefficient) + 0.005 * random.standard_normal()
-            v *= e
-            long = 1.06 if (launch, bounce) == (1, 3) else 1.0
-            times.append(2 * v / 9.81 * long)
-            labels.append(f"l{launch}")
-    table = {"launch": labels, "interval": times}
-    data = cal.RestitutionData.from_table(table, contact, air=False)
-    assert cal.fit(data, profiles=False, starts=4).converged

@@ -247,21 +247,3 @@ def test_a_bootstrap_s_intervals_are_as_wide_as_the_table_s_where_priors_decide(
     for name in result.covariance_names:
         ends, drawn = np.array(result.intervals[name]), np.array(found.intervals[name])
         assert np.all(np.abs(drawn - ends) < 0.1 * np.ptp(ends))
-
-
-def test_a_refit_that_is_sent_astray_ends_no_profile():
-    """Where σ and ψ hardly show, their first guess at the next χ̃ is far off: SciPy finds the way."""
-    data = twin("stainless steel", noise=0.01, seed=2)
-    result = cal.fit(data, starts=8)
-    low, high = result.intervals["chi"]
-    model = own_model(data)
-
-    def cost(chi):
-        residual = lambda x: model(chi, *np.exp(x)) - data.restitution  # noqa: E731
-        return min(2 * least_squares(residual, x).cost for x in ([-5.0, -5.0], [0, -0.6]))
-
-    best = result.values["chi"]
-    variance = cost(best) / (len(data) - 3)
-    inside = best - 0.8 * (best - low)
-    assert cost(inside) - cost(best) < stats.t.ppf(0.975, len(data) - 3) ** 2 * variance
-    assert best - low == pytest.approx(high - best, rel=0.35)
