@@ -5,6 +5,7 @@ import pytest
 from scipy import optimize, stats
 
 import calibration as cal
+import softjax as sj
 from tests.fit_oracle import hessian
 
 TIMING = 3e-4
