@@ -1,4 +1,4 @@
-"""What float32 holds: ε of the three materials within 1e-6, its error over the boxes bounded."""
+"""What float32 holds: ε of the three materials within 1e-6, from inputs of either precision."""
 
 import json
 import subprocess
@@ -11,11 +11,7 @@ import pytest
 
 import softjax as sj
 from tests import cases
-from tests.physics import boxes
-from tests.physics.boxes import solve
 
-EPS = float(np.finfo(np.float32).eps)
-SLOWEST = 1e-30  # of v_lim and in m/s: float32 ends at 1e-38
 over_forms = pytest.mark.parametrize(
     "form", [pytest.param(f, marks=[pytest.mark.long] * k) for k, f in enumerate(cases.FORMS)]
 )
@@ -106,36 +102,6 @@ def equations(jaxpr):
         for inner in jax.tree.leaves(params, is_leaf=lambda p: hasattr(p, "eqns")):
             if hasattr(inner, "eqns"):
                 yield from equations(getattr(inner, "jaxpr", inner))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("choice", boxes.CHOICES, ids=str)
-def test_over_the_boxes(choice):
-    """|Δε²| within 32 eps (1 + Σ|∂ε²/∂ln θ|), slopes of mild impacts mostly within 100 eps.
-
-    Against float64 at the same inputs, rounded to float32 beforehand; float64 itself is good to 1e-12.
-    """
-    inputs = boxes.sample(0, 20_000, choice)
-    slowest = SLOWEST * np.maximum(inputs["v_lim"], 1)
-    inputs["v"] = np.where(inputs["v"] > 0, np.maximum(inputs["v"], slowest), 0)
-    inputs = {name: value.astype(np.float32).astype(float) for name, value in inputs.items()}
-
-    def squares(dtype):
-        """ε², θ ∂ε²/∂θ and the status."""
-        result, slopes = solve(inputs, choice, dtype)
-        eps = result["coefficient"].astype(float)
-        scaled = [2 * eps * slopes[name].astype(float) * inputs[name] for name in boxes.INPUTS]
-        return eps**2, np.array(scaled), result["status"]
-
-    short, exact = squares(np.float32), squares(np.float64)
-    assert np.all(np.isfinite(short[0]))
-    assert np.all(np.isfinite(short[1]))
-    sensitivity = np.abs(exact[1]).sum(0)
-    same = short[2] == exact[2]
-    assert np.mean(same) > 0.875
-    assert np.all((np.abs(short[0] - exact[0]) <= 32 * EPS * (1 + sensitivity))[same])
-    off = np.abs(short[1] - exact[1]).max(0)
-    assert np.quantile(off[same & (sensitivity < 1)], 0.99) <= 100 * EPS
 
 
 class Squared(sj.RateIndependentLaw):

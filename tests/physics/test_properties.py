@@ -1,180 +1,112 @@
-"""What holds for all impacts, over wide boxes of all inputs.
+"""What holds for all impacts by Zhou's law, over wide boxes of all inputs.
 
 Hypothesis draws the seed of a batch of fixed size, so that everything compiles once.
 """
 
+from functools import partial
+
+import jax
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from mpmath import mp
 
 import softjax as sj
-from tests import cases
+from tests.cases import EPS
 from tests.drawn import drawn
-from tests.oracles import zhou_mp as z
-from tests.physics import boxes
-from tests.physics.boxes import Choice, count, solve
 
 SIZE = 500
-CHOICES = (Choice(), Choice("full", "hertz", "printed"))
+AREA = {"zhou": np.pi ** (2 / 3), "hertz": 1.0}
+CONTACT, LOSSES = ("E", "R", "M", "Y", "v_lim"), ("chi", "sigma", "psi")
 seeds = st.integers(0, 2**32 - 1)
-over_choices = pytest.mark.parametrize(
-    "choice",
-    [pytest.param(c, id=c.form, marks=[pytest.mark.long] * k) for k, c in enumerate(CHOICES)],
+over_forms = pytest.mark.parametrize(
+    ("form", "area"),
+    [("first-order", "zhou"), pytest.param("full", "hertz", marks=pytest.mark.long)],
 )
 
 
-def conditioning(inputs, result, slopes):
-    """8 eps Σ|∂ε²/∂ln θ|, what rounding of the inputs may cost ε²."""
-    total = sum(np.abs(slopes[name] * inputs[name]) for name in boxes.INPUTS)
-    return 8 * cases.EPS * 2 * result["coefficient"] * total
+def sample(seed, area):
+    """E/Y 2…1e6, X 1e-6…1e8, R 1 nm…1 km, y = v/v_cr from 0 to beyond the last turning point."""
+    rng = np.random.default_rng(seed)
+    power = lambda *ends: 10 ** rng.uniform(*np.log10(ends), SIZE)  # noqa: E731
+    some_of = lambda *kinds: np.choose(rng.integers(len(kinds), size=SIZE), kinds)  # noqa: E731
+    ratio, Y, R, X, zero = power(2, 1e6), power(1e4, 1e10), power(1e-9, 1e3), power(1e-6, 1e8), 0.0
+    E, M = ratio * Y, 4 / 3 * np.pi * power(1, 3e4) * R**3
+    losses = some_of(X, X, X, zero) / ratio, some_of(power(1e-3, 100), zero), power(0.05, 3)
+    overlap = R * (np.pi * AREA[area] / (2 * ratio)) ** 2  # Eq. (5)
+    v_cr = np.sqrt(16 / 15 * E * np.sqrt(R) / M) * overlap**1.25
+    y_end = (
+        1 + AREA[area] * R / (1.5 * overlap)
+    ) ** 1.25  # of the order of the last one that turns
+    above = 1 + power(1e-9, 1), y_end ** rng.uniform(0, 1.2, SIZE), power(1, 100)
+    y = some_of(zero, power(1e-290, 1), power(1e-3, 1), *above)
+    values = (E, R, M, Y, v_cr * power(0.1, 1e7), *losses, y * v_cr)
+    return dict(zip((*CONTACT, *LOSSES, "v"), values, strict=True)), y
 
 
-@over_choices
+@partial(jax.jit, static_argnums=(1, 2))
+def solve(inputs, form, area):
+    """The result, and slopes of ε by name."""
+
+    def total(inputs):
+        contact = sj.Contact(*(inputs[name] for name in CONTACT), area=area)
+        law = sj.Zhou(contact, *(inputs[name] for name in LOSSES), form=form)
+        hit = sj.restitution(law, inputs["v"])
+        return hit.coefficient.sum(), hit
+
+    (_, hit), slopes = jax.value_and_grad(total, has_aux=True)(inputs)
+    return hit, slopes
+
+
+@over_forms
 @drawn(12, seed=seeds)
-def test_finite_flagged_right_and_falling(choice, seed):
-    broken = count(boxes.sample(seed, SIZE, choice), choice)
-    assert broken == dict.fromkeys(broken, 0)
+def test_finite_flagged_right_and_falling(form, area, seed):
+    inputs, y = sample(seed, area)
+    hit, slopes = jax.tree.map(np.asarray, solve(inputs, form, area))
+    for leaf in jax.tree.leaves((hit, slopes)):
+        assert np.all(np.isfinite(leaf))
+    eps, plastic = hit.coefficient, hit.plastic_coefficient
+    assert np.all((eps >= 0) & (eps <= plastic * (1 + 1e-15)))
+    assert np.all(hit.residual_overlap <= hit.peak_overlap)
+    has = {flag: (hit.status & int(flag)) > 0 for flag in sj.Status if flag}
+    lost = has[sj.Status.NO_TURNING_POINT]
+    yields, answered = y > 1, (y > 1) & ~lost
+    assert not np.any(has[sj.Status.SOLVER_FAILED] | has[sj.Status.INVALID_INPUT])
+    assert np.array_equal(has[sj.Status.ELASTIC], ~yields)
+    assert np.array_equal(has[sj.Status.ZERO_VELOCITY], y == 0)
+    assert np.array_equal(has[sj.Status.ABOVE_LIMIT_VELOCITY], inputs["v"] >= inputs["v_lim"])
+    assert np.array_equal(
+        has[sj.Status.NO_RESIDUAL_OVERLAP], answered & (hit.residual_overlap == 0)
+    )
+    assert np.array_equal(has[sj.Status.NO_REBOUND], answered & (eps == 0))
+    clear = np.abs(plastic - 1) > 1e-13
+    assert np.array_equal((has[sj.Status.ENERGY_GAIN] & clear), answered & clear & (plastic > 1))
+    assert np.all(eps[lost] == 0)
+    assert np.all(sum(np.abs(slope) for slope in slopes.values())[eps == 0] == 0)
+    # the full form's ε_p rises again towards its end, seen from d x_m = 1.107 on
+    beyond = hit.peak_overlap > AREA[area] * inputs["R"] / 1.5
+    claimed = (hit.status == 0) & (inputs["chi"] * inputs["E"] >= inputs["Y"])
+    claimed &= (form == "first-order") | ~beyond
+    assert np.any(claimed)
+    assert np.all((slopes["v"] * inputs["v"])[claimed] <= 1e-13)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("choice", boxes.CHOICES, ids=str)
-def test_a_million_impacts(choice):
-    for seed in range(17):
-        broken = count(boxes.sample(seed, 20_000, choice), choice)
-        assert broken == dict.fromkeys(broken, 0), seed
-
-
-def test_the_rules_can_be_broken():
-    """A status or a slope that is wrong is counted."""
-    inputs = boxes.sample(0, SIZE, Choice())
-    result, _ = solve(inputs, Choice())
-    plastic_squared = result["plastic_coefficient"].astype(np.longdouble) ** 2
-    other = inputs | {"chi": 0 * inputs["chi"]}
-    expected, clear = boxes.expected_status(other, Choice(), plastic_squared)
-    assert np.sum(clear & (expected != result["status"])) > SIZE / 10
-
-
-def test_full_form_rises_towards_its_end():
-    """Where the claim ends, by the oracle: no flag, X > 1 and ∂ε_p²/∂y > 0, at d x_m = 1.24."""
-    d, X, y = 0.05180679060827047, 1.0012268498804473, 39.987755605433996
-    with mp.workdps(40):
-        step = mp.mpf("1e-12")
-        above, below = (z.plastic_squared("full", d, X, y * (1 + h)) for h in (step, -step))
-        slope = (above - below) / (2 * step)
-        assert abs(slope - mp.mpf("0.161897")) < 1e-5
-        assert d * z.peak("full", d, y) > 1
-    assert z.flags("full", d, X, y) == set()
-
-
-@over_choices
+@over_forms
 @drawn(6, seed=seeds)
-def test_continuous_in_velocity(choice, seed):
+def test_continuous_in_velocity(form, area, seed):
     """A step of v changes ε² by no more than the slopes at its ends allow, but at yield."""
-    inputs = boxes.sample(seed, SIZE, choice)
+    inputs, _ = sample(seed, area)
     step = 1e-9
     results, slopes = zip(
-        *(solve(inputs | {"v": inputs["v"] * (1 + h)}, choice) for h in (0, step)), strict=True
+        *(solve(inputs | {"v": inputs["v"] * (1 + h)}, form, area) for h in (0, step)), strict=True
     )
-    ends = sj.Status.ELASTIC | sj.Status.NO_TURNING_POINT
-    same = (results[0]["status"] & ends) == (results[1]["status"] & ends)
-    change = np.abs(results[1]["coefficient"] ** 2 - results[0]["coefficient"] ** 2)
-    steepest = np.max(
-        [2 * r["coefficient"] * np.abs(s["v"]) for r, s in zip(results, slopes, strict=True)],
-        axis=0,
-    )
-    allowed = 2 * step * steepest * inputs["v"] + 1e-12
-    allowed += sum(conditioning(inputs, r, s) for r, s in zip(results, slopes, strict=True))
+    ends = int(sj.Status.ELASTIC | sj.Status.NO_TURNING_POINT)
+    same = (results[0].status & ends) == (results[1].status & ends)
+    change = np.abs(results[1].coefficient ** 2 - results[0].coefficient ** 2)
+    squares = [
+        {name: 2 * r.coefficient * np.abs(x) * inputs[name] for name, x in s.items()}
+        for r, s in zip(results, slopes, strict=True)
+    ]
+    allowed = 2 * step * np.maximum(squares[0]["v"], squares[1]["v"]) + 1e-12
+    allowed += 8 * EPS * sum(sum(one.values()) for one in squares)  # rounding of the inputs
     assert np.all(change[same] <= allowed[same])
     assert same.mean() > 0.9
-
-
-@over_choices
-@drawn(6, seed=seeds)
-def test_jump_at_yield(choice, seed):
-    """ε_p² = 1 up to v_cr, 1 + 2d/3 after (full: (1 - (2d/3)^{5/2})/(1 - 2d/3))."""
-    inputs = boxes.sample(seed, SIZE, choice)
-    d, v_cr = boxes.scales(inputs, choice)
-    near = 1e-10
-    below, _ = solve(inputs | {"v": (v_cr * (1 - near)).astype(float)}, choice)
-    assert np.all(below["plastic_coefficient"] == 1)
-    at = inputs | {"v": (v_cr * (1 + near)).astype(float)}
-    above, _ = solve(at, choice)
-    e = 2 * d / 3
-    full = np.where(np.abs(e - 1) < 1e-6, 2.5, (1 - e**2.5) / np.where(e == 1, 1, 1 - e))
-    jump = (1 + e if choice.form == "first-order" else full).astype(float)
-    # X = 1e8 unloads the more steeply the less has yielded: what is left to the limit is its slope
-    steep = 10 * near * (1 + inputs["chi"] * inputs["E"] / inputs["Y"]) * (1 + np.sqrt(d))
-    assert np.all(np.abs(above["plastic_coefficient"] ** 2 - jump) <= steep.astype(float))
-
-
-@over_choices
-@drawn(6, seed=seeds)
-def test_scales_do_not_matter(choice, seed):
-    """The same d, X and y give the same ε_p; with the same v_cr/v_lim the same ε."""
-    inputs = boxes.sample(seed, SIZE, choice)
-    rng = np.random.default_rng(seed)
-    _, v_cr = boxes.scales(inputs, choice)
-    stress, length, mass = (boxes.power(rng, 1e-3, 1e3, SIZE) for _ in range(3))
-    other = inputs | {
-        "E": inputs["E"] * stress,
-        "Y": inputs["Y"] * stress,
-        "R": inputs["R"] * length,
-        "M": inputs["M"] * mass,
-    }
-    faster = (boxes.scales(other, choice)[1] / v_cr).astype(float)
-    other |= {"v": inputs["v"] * faster, "v_lim": inputs["v_lim"] * faster}
-    (one, slopes), (two, _) = solve(inputs, choice), solve(other, choice)
-    _, clear = boxes.expected_status(
-        inputs, choice, one["plastic_coefficient"].astype(np.longdouble) ** 2
-    )
-    allowed = 1e-12 + 4 * conditioning(inputs, one, slopes)
-    for name in ("coefficient", "plastic_coefficient"):
-        difference = np.abs(one[name] ** 2 - two[name] ** 2)
-        alive = clear & ((one["coefficient"] > 0) | (name == "coefficient"))
-        assert np.all(difference[alive] <= allowed[alive]), name
-    assert np.array_equal(one["status"][clear], two["status"][clear])
-
-
-def between(materials, radii):
-    """All that a law knows of two bodies."""
-    contact = sj.Contact.between_spheres(*(sj.Material(*m) for m in materials), *radii)
-    return contact.leaves() | {"v_cr": contact.critical_velocity}
-
-
-def some_bodies(seed):
-    """Two bodies of any materials, E/Y from 20 to 1e4."""
-    rng = np.random.default_rng(seed)
-
-    def material():
-        Y, ratio = boxes.power(rng, 1e5, 1e10, SIZE), boxes.power(rng, 20, 1e4, SIZE)
-        return ratio * Y, rng.uniform(-0.5, 0.5, SIZE), boxes.power(rng, 10, 2e4, SIZE), Y
-
-    radii = boxes.power(rng, 1e-6, 10, SIZE), boxes.power(rng, 1e-6, 10, SIZE)
-    return (material(), material()), radii
-
-
-def assert_alike(one, two):
-    assert set(one) == set(two)
-    for name, value in one.items():
-        assert np.allclose(value, two[name], rtol=1e-12, atol=0), name
-
-
-@drawn(6, seed=seeds)
-def test_swapping_the_bodies(seed):
-    """Equal yield strengths among them, where v_lim takes the denser body's."""
-    (one, two), radii = some_bodies(seed)
-    two = (*two[:3], np.where(np.arange(SIZE) % 3 == 0, one[3], two[3]))
-    assert_alike(between((one, two), radii), between((two, one), radii[::-1]))
-
-
-@drawn(6, seed=seeds)
-def test_a_wall_is_a_large_sphere(seed):
-    """The difference goes as R1/R2, and is gone at 1e-14."""
-    materials, (radius, _) = some_bodies(seed)
-    contact = sj.Contact.with_wall(*(sj.Material(*m) for m in materials), radius)
-    wall = contact.leaves() | {"v_cr": contact.critical_velocity}
-    assert_alike(between(materials, (radius, 1e14 * radius)), wall)
-    near, nearer = (between(materials, (radius, n * radius))["radius"] for n in (1e3, 1e5))
-    off, less = (np.max(np.abs(one / radius - 1)) for one in (near, nearer))
-    assert off / less == pytest.approx(100, rel=0.01)
