@@ -9,11 +9,9 @@ import softjax as sj
 from tests import laws
 from tests.laws import LAWS, PAIR, numbers, with_numbers
 
-EPS = {dtype: float(np.finfo(dtype).eps) for dtype in (np.float32, np.float64)}
-STIFFNESS = 1e6
-RATIO = np.array([1e3, 1e8, 1e12, 1e20])
+LONG = pytest.mark.long
 IN_DEFAULT = ("thornton", "walton-braun", "hertz dashpot to zero-force", "eq. 17")
-OTHERS = [pytest.param(n, marks=() if n in IN_DEFAULT else pytest.mark.long) for n in LAWS]
+OTHERS = [pytest.param(n, marks=() if n in IN_DEFAULT else LONG) for n in LAWS]
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -56,18 +54,17 @@ DAMPED = {
     "hertz-dashpot": lambda time, r: sj.HertzDashpot(PAIR, r, "zero-force"),
     "linear": lambda time, r: sj.LinearSpringDashpot(PAIR, 1e6, r, "zero-force"),
 }
-QUICK = [("hertz-dashpot", np.float64)]
 
 
 @pytest.mark.parametrize(
-    ("law", "dtype"),
+    ("law", "dtype", "order"),
     [
-        pytest.param(law, dtype, marks=() if (law, dtype) in QUICK else pytest.mark.long)
-        for law in DAMPED
-        for dtype in (np.float64, np.float32)
+        ("hertz-dashpot", np.float64, 2),
+        ("viscoelastic", np.float32, 1),
+        *(pytest.param(n, t, 2, marks=LONG) for n in DAMPED for t in (np.float64, np.float32)),
     ],
 )
-def test_closed_forms_are_never_nan(law, dtype):
+def test_closed_forms_are_never_nan(law, dtype, order):
     """Values and derivatives of first and second order, wherever velocity and damping may be."""
     most = float(np.finfo(dtype).max) ** 0.8
     fit = lambda a: np.minimum(a, most).astype(dtype)  # noqa: E731
@@ -84,63 +81,10 @@ def test_closed_forms_are_never_nan(law, dtype):
         (slopes,) = jax.vmap(pull)(jnp.eye(len(value), dtype=value.dtype))
         return (value, slopes), (value, slopes)
 
-    derivatives = jax.jit(jax.vmap(jax.jacfwd(backwards, has_aux=True)))
-    for found in jax.tree.leaves(derivatives(jnp.stack([v, time, r], -1))):
+    derivatives = backwards if order == 1 else jax.jacfwd(backwards, has_aux=True)
+    for found in jax.tree.leaves(jax.jit(jax.vmap(derivatives))(jnp.stack([v, time, r], -1))):
         assert found.dtype == dtype
         assert not np.any(np.isnan(found))
-
-
-def test_strong_damping_in_float32_is_never_nan():
-    """Values and first derivatives in reverse of viscoelastic spheres, over the same grid."""
-    most = float(np.finfo(np.float32).max) ** 0.8
-    v, time = (x.ravel() for x in np.meshgrid(*(np.minimum(a, most) for a in HARD.values())))
-
-    def total(v, time):
-        hit = sj.restitution(sj.ViscoelasticHertz(jax.tree.map(np.float32, PAIR), time), v)
-        return jnp.sum(hit.coefficient), hit
-
-    v, time = v.astype(np.float32), time.astype(np.float32)
-    found = jax.jit(jax.value_and_grad(total, (0, 1), has_aux=True))(v, time)
-    for leaf in jax.tree.leaves(found):
-        assert not np.any(np.isnan(leaf))
-
-
-@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=pytest.mark.long)])
-def test_stiff_springs_by_the_equation_of_motion(dtype):
-    """ε = √(k1/k2) of what keeps next to nothing, and a quarter period on each spring."""
-    law = sj.WaltonBraun(PAIR, np.full(4, STIFFNESS), STIFFNESS * RATIO)
-    law = jax.tree.map(lambda leaf: np.asarray(leaf, dtype), law)
-    result = sj.restitution(law, dtype(1.0), sj.ODE(rtol=1e-12))
-    assert result.coefficient.dtype == dtype
-    assert np.allclose(result.coefficient, RATIO**-0.5, rtol=16 * EPS[dtype], atol=0)
-    lasts = 0.5 * np.pi * np.sqrt(PAIR.mass / STIFFNESS) * (1 + RATIO**-0.5)
-    assert np.allclose(result.duration, lasts, rtol=max(1e-12, 16 * EPS[dtype]), atol=0)
-
-
-@pytest.mark.parametrize(
-    "route", [None, pytest.param(sj.ODE(rtol=1e-6), marks=pytest.mark.long)], ids=["energy", "ode"]
-)
-def test_slow_impacts_on_a_growing_spring_in_float32(route):
-    """ε² = k1/(k20 + s v √(k1 M)) with s = 1e12, and its slopes, from 1e-12 m/s on."""
-    velocity = np.array([1e-12, 1e-9, 1e-6, 1.0], np.float32)
-    law = sj.WaltonBraun(PAIR, np.full(4, STIFFNESS), 2e6, growth=1e12)
-    short = jax.tree.map(lambda leaf: np.full(4, leaf, np.float32), law)
-
-    @jax.jit
-    def graded(law, v):
-        def total(law, v):
-            found = sj.restitution(law, v, route).coefficient
-            return found.sum(), found
-
-        return jax.value_and_grad(total, argnums=(0, 1), has_aux=True)(law, v)
-
-    (_, found), (by_law, by_velocity) = graded(short, velocity)
-    speed = velocity.astype(float) * np.sqrt(STIFFNESS * PAIR.mass)
-    exact = (STIFFNESS / (2e6 + 1e12 * speed)) ** 0.5
-    slope = -0.5 * exact * 1e12 * speed / (2e6 + 1e12 * speed)  # v ∂ε/∂v and s ∂ε/∂s
-    assert np.allclose(found, exact, rtol=2e-6, atol=0)
-    assert np.allclose(by_velocity * velocity, slope, rtol=1e-5, atol=1e-7)
-    assert np.allclose(by_law.growth * 1e12, slope, rtol=1e-5, atol=1e-7)
 
 
 def test_durations_just_above_yield():
@@ -177,27 +121,13 @@ def test_nothing_is_gained_by_rounding(route):
     assert set(np.unique(yielding.status)) <= {sj.Status.PLAIN, sj.Status.ELASTIC}
 
 
-@pytest.mark.parametrize(
-    ("dtype", "most", "bound"),
-    [(np.float64, 150, 1e-13), pytest.param(np.float32, 16, 2e-6, marks=pytest.mark.long)],
-)
-def test_thornton_far_beyond_yield(dtype, most, bound):
-    """ε and d ln ε/d ln v up to where squares of v/V_y are no numbers; 0 with slope 0 at the end."""
-    case = LAWS["thornton"]
-    law = jax.tree.map(dtype, case.law)
-    velocity = (10.0 ** np.linspace(1, most, 6)).astype(dtype)
-    value, slope = jax.jit(
-        jax.vmap(jax.value_and_grad(lambda v: sj.restitution(law, v).coefficient))
-    )(jnp.append(velocity, dtype(np.finfo(dtype).max / 10)))
+@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=LONG)])
+def test_thornton_far_beyond_yield(dtype):
+    """d ln ε/d ln v = -1/4 up to where squares of v/V_y are no numbers; 0 with slope 0 at the end."""
+    law, largest = jax.tree.map(dtype, LAWS["thornton"].law), np.finfo(dtype).max
+    velocity = np.array([1e12, largest**0.45, largest**0.49, largest / 10], dtype)
+    of = jax.value_and_grad(lambda v: sj.restitution(law, v).coefficient)
+    value, slope = jax.jit(jax.vmap(of))(velocity)
     assert value.dtype == dtype
     assert (value[-1], slope[-1]) == (0, 0)
-    for k, v in enumerate(velocity):
-        with laws.mp.workdps(40):
-            at = {n: laws.mp.mpf(float(x)) for n, x in numbers(law, float(v)).items()}
-            log = lambda t, at=at: laws.mp.log(  # noqa: E731
-                case.exact(at | {"velocity": laws.mp.exp(t)}).coefficient
-            )
-            exact = case.exact(at).coefficient
-            steep = laws.mp.diff(log, laws.mp.log(at["velocity"]))
-        assert value[k] == pytest.approx(float(exact), rel=bound)
-        assert slope[k] * v / value[k] == pytest.approx(float(steep), rel=bound)
+    assert np.allclose((slope * velocity / value)[:-1], -0.25, rtol=8 * np.finfo(dtype).eps, atol=0)
