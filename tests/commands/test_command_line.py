@@ -19,7 +19,6 @@ EXPORT = "export stainless-steel"
 REFUSED = {
     "": "COMMAND",
     "fti": "did you mean 'fit'",
-    "--colour fit": "--colour",
     "fit --colour": "--colour",
     "fit --sead 3": "did you mean '--seed'",
     "fit shots.csv": "give the TOML file that names it, with data = 'shots.csv'",
@@ -53,6 +52,7 @@ REFUSED = {
     "curve nylon --velocities none.csv": "none.csv|no such file",
     "curve nylon --velocities - --points 3": "--velocities",
     "curve nylon --area hertz": "--chi",
+    "curve ALLOY": "--chi",
     "curve nylon --rtol 1e-9": "--rtol",
     "curve nylon --set chii=1": "did you mean 'chi'",
     "curve nylon --set contact=1": "--set",
@@ -160,27 +160,25 @@ def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, caps
     assert not (at / "results").exists()
 
 
-ZHOU = sj.Zhou(noisy().contact, 0.2, 1.0, 0.5)
-OTHER = "--law thornton"
+ALLOY = noisy().contact
+ZHOU, THORNTON = sj.Zhou(ALLOY, 0.2, 1.0, 0.5), 'law = "thornton"'
+TAKEN = [
+    ("", "chi = { value = 0.1 }", "--chi 0.2 --sigma 1 --psi 0.5", ZHOU),
+    ("", "chi = 0.2", "--sigma 1 --psi 0.5", ZHOU),
+    ("", "chi = { value = 0.2, free = false }", "--sigma 1 --psi 0.5", ZHOU),
+    (THORNTON, "yield_factor = { value = 1.2 }", f"{FACTOR[:-1]}1.3", sj.Thornton(ALLOY, 1.3)),
+    (THORNTON, "yield_factor = 2.5", "", sj.Thornton(ALLOY, 2.5)),
+    (THORNTON, "yield_factor = 2.5", f"{FACTOR[:-1]}2", sj.Thornton(ALLOY, 2.0)),
+    (THORNTON, "yield_factor = 2.5", "--law hertz", sj.Hertz(ALLOY)),
+    ("", "chi = { value = 0.1 }", "--law thornton", sj.Thornton(ALLOY)),  # another law's
+]
 
 
-@pytest.mark.parametrize(
-    ("below", "more", "law"),
-    [
-        ("chi = { value = 0.1 }", "--chi 0.2 --sigma 1 --psi 0.5", ZHOU),
-        ("chi = 0.2", "--sigma 1 --psi 0.5", ZHOU),
-        ("chi = { value = 0.2, free = false }", "--sigma 1 --psi 0.5", ZHOU),
-        (
-            "yield_factor = { value = 1.2 }",
-            f"{OTHER} {FACTOR[:-1]}1.2",
-            sj.Thornton(ZHOU.contact, 1.2),
-        ),
-        ("chi = { value = 0.1 }", OTHER, sj.Thornton(ZHOU.contact)),  # another law's
-    ],
-)
-def test_a_value_that_is_fixed_or_given_is_taken(below, more, law, at):
+@pytest.mark.parametrize(("settings", "below", "more", "law"), TAKEN)
+def test_a_value_that_is_fixed_or_given_is_taken(settings, below, more, law, at):
     words = ("--from", 2, "--to", 20, "--points", 5, "--format", "csv", "--out", "results")
-    assert run("curve", write_alloy(at, below=below), *more.split(), *words)[0] == 0
+    file = write_alloy(at, settings, below)
+    assert run("curve", file, *more.split(), *words)[0] == 0
     rows = np.loadtxt(at / "results/curve.csv", delimiter=",", skiprows=1, usecols=(0, 1))
     expected = sj.restitution(law, rows[:, 0]).coefficient
     np.testing.assert_allclose(rows[:, 1], expected, rtol=1e-12)
