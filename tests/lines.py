@@ -31,13 +31,6 @@ class Lines(NamedTuple):
     seconds: dict[str, float]
     statements: dict[str, list[int]]
 
-    @classmethod
-    def read(cls, file: Path) -> "Lines":
-        return cls(*json.loads(file.read_text(encoding="utf-8")))
-
-    def write(self, file: Path) -> None:
-        file.write_text(json.dumps(self), encoding="utf-8")
-
     def chosen(self, file: str, line: int) -> list[str]:
         """Tests that run a line (of no function: any of its file): those below a second, then others.
 
@@ -47,13 +40,13 @@ class Lines(NamedTuple):
         of_file = self.numbers.get(file, {})
         whole = set(of_file.values())
         expected = {of_file[str(line)]} if str(line) in of_file else whole
-        found = [test for test, noted in self.statements.items() if not expected.isdisjoint(noted)]
-        files = {test.partition("::")[0] for test in found}
-        places = {test: (1 + (self.seconds[test] >= 1), test.partition("::")[0]) for test in found}
+        ranks = {}
         for test, noted in self.statements.items():
-            path = test.partition("::")[0]
-            if test not in places and path in files and not whole.isdisjoint(noted):
-                places[test] = 3, path
+            if not whole.isdisjoint(noted):
+                own = not expected.isdisjoint(noted)
+                ranks[test] = 1 + (self.seconds[test] >= 1) if own else 3, test.partition("::")[0]
+        files = {path for rank, path in ranks.values() if rank < 3}
+        places = {test: place for test, place in ranks.items() if place[1] in files}
         totals: dict[tuple[int, str], float] = defaultdict(float)
         for test, place in places.items():
             totals[place] += self.seconds[test]
@@ -146,11 +139,10 @@ class Noted:
 
 def main(place: str, to: str) -> None:
     """Run the tests of a place, and write what each runs."""
-    words = ["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", place]
     with tempfile.TemporaryDirectory(prefix="softjax-ran-") as folder:
         os.environ[ELSEWHERE] = folder
         noted = Noted(Path(folder))
-        pytest.main(words, plugins=[noted])
+        pytest.main(["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", place], plugins=[noted])
     text = json.dumps([noted.seconds, noted.statements])
     Path(to).write_text(text, encoding="utf-8")
 
@@ -162,15 +154,10 @@ def measured(copy: Path, places: list[str]) -> Lines:
         text, of_lines = noting(path.read_text(encoding="utf-8"), every)
         path.write_text(text, encoding="utf-8")
         numbers[path.relative_to(copy).as_posix()] = of_lines
-    lines = Lines(numbers, {}, {})
+    lines, to = Lines(numbers, {}, {}), copy / "noted.json"
     for place in places:
-        to = copy / "noted.json"
-        subprocess.run(
-            [sys.executable, "-m", "tests.lines", place, str(to)],
-            cwd=copy,
-            env=os.environ | {"PYTHONPATH": str(copy)},
-            check=True,
-        )
+        command = [sys.executable, "-m", "tests.lines", place, str(to)]
+        subprocess.run(command, cwd=copy, env=os.environ | {"PYTHONPATH": str(copy)}, check=True)
         seconds, statements = json.loads(to.read_text(encoding="utf-8"))
         lines.seconds.update(seconds)
         lines.statements.update(statements)

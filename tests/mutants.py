@@ -11,6 +11,7 @@ What nobody noticed is printed with its difference. A change that changes nothin
 
 import argparse
 import compileall
+import json
 import os
 import py_compile
 import random
@@ -48,7 +49,6 @@ PLACES = (
     *("physics", "hard", "jax", "derivatives", "data", "fit", "statistics"),
     *("refusals", "commands", "shown", "export", "system", "golden", "coverage"),
 )
-OWN = ("softjax", "calibration", "tests")
 NOTICED, SURVIVED, TIMEOUT = "noticed", "survived", "timeout"
 EQUAL = "equivalent"
 
@@ -195,7 +195,7 @@ def copied(to: Path) -> Path:
     """A copy of the project, whose compiled files are of a source's content, not of its time."""
     ignored = shutil.ignore_patterns(".git", ".*_cache", "__pycache__")
     shutil.copytree(TOP, to, ignore=ignored)
-    for name in OWN:
+    for name in ("softjax", "calibration", "tests"):
         mode = py_compile.PycInvalidationMode.CHECKED_HASH
         compileall.compile_dir(to / name, quiet=1, invalidation_mode=mode)
     return to
@@ -204,10 +204,10 @@ def copied(to: Path) -> Path:
 def known_lines(file: Path | None, copy: Path) -> Lines:
     """What a file of lines says, or what the tests show in a copy."""
     if file is not None and file.exists():
-        return Lines.read(file)
+        return Lines(*json.loads(file.read_text(encoding="utf-8")))
     lines = measured(copied(copy), [f"tests/{place}" for place in PLACES])
     if file is not None:
-        lines.write(file)
+        file.write_text(json.dumps(lines), encoding="utf-8")
     return lines
 
 

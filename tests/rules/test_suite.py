@@ -63,10 +63,9 @@ def test_a_seed_draws_the_same_again(project):
     every = changes_of("module.py", MODULE)
     one, again, other = (drawn(every, 5, random.Random(seed), project) for seed in (1, 1, 2))
     assert one == again != other
-    assert len(set(one)) == 5
-    assert set(drawn(every, 99, random.Random(0), project)) == set(every)
     broken = every[0]._replace(new="2 +")
-    assert broken not in drawn([broken, *every], 99, random.Random(0), project)
+    some = drawn([broken, *every], 99, random.Random(0), project)
+    assert (len(some), set(some)) == (len(every), set(every))
 
 
 def test_equivalents_are_read_by_file_and_both_lines_and_still_stand_in_their_files():
@@ -74,10 +73,8 @@ def test_equivalents_are_read_by_file_and_both_lines_and_still_stand_in_their_fi
     assert equivalents(text) == {("module.py", "a = 1", "a = 2")}
     assert equivalents("# none\n") == set()
     equal = equivalents(mutants.EQUIVALENT.read_text(encoding="utf-8"))
-    files = {file for file, *_ in equal}
-    every = [
-        change for file in files for change in changes_of(file, (mutants.TOP / file).read_bytes())
-    ]
+    sources = {file: (mutants.TOP / file).read_bytes() for file, *_ in equal}
+    every = (change for source in sources.items() for change in changes_of(*source))
     assert equal <= {(change.file, change.before, change.after) for change in every}
 
 
