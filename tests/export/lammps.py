@@ -49,20 +49,26 @@ def rebounds(scripts, folder: Path) -> np.ndarray:
     return np.concatenate(lammps(chain.from_iterable(scripts), folder))
 
 
-def impact(velocity: float, settings, steps: int, at=0.0) -> list[str]:
+def box(boundary: str, region: str, before=()) -> list[str]:
+    """An empty box of spheres."""
+    lines = [*SPHERES, f"boundary {boundary}", "newton off", *before]
+    return [*lines, f"region box block {region}", "create_box 1 box"]
+
+
+def impact(velocity: float, settings, steps: int, at=0.0, gap=0.0) -> list[str]:
     """Two equal spheres head-on, whose ε is printed; `settings` tell force and time step.
 
     At 0 they meet in the middle of a box without boundaries, at 1 across those of a periodic one.
     """
-    gap, half = RADIUS * (1 + 1e-9), float(velocity) / 2
-    left, right = at - gap, at + gap - (2 if at else 0)
+    far, half = RADIUS * (1 + 1e-9) + gap / 2, float(velocity) / 2
+    left, right = at - far, at + far - (2 if at else 0)
     atoms = {f"{left!r} 0 0": f"vx {half}", f"{right!r} 0 0": f"vx {-half}"}
     return scene(atoms, "p p p" if at else "f f f", settings, steps, f"(vx[2]-vx[1])/{2 * half}")
 
 
-def onto_a_wall(velocity: float, settings, steps: int) -> list[str]:
+def onto_a_wall(velocity: float, settings, steps: int, gap=0.0) -> list[str]:
     """A sphere falls on a wall at z = 0 without gravity."""
-    atoms = {f"0 0 {RADIUS * (1 + 1e-9)!r}": f"vz {-float(velocity)}"}
+    atoms = {f"0 0 {RADIUS * (1 + 1e-9) + gap!r}": f"vz {-float(velocity)}"}
     return scene(atoms, "f f f", settings, steps, f"vz[1]/{float(velocity)}")
 
 
@@ -70,11 +76,7 @@ def scene(atoms: dict[str, str], boundary: str, settings, steps: int, rebound: s
     """Spheres by place and velocity, and what is printed after so many steps."""
     return [
         "clear",
-        *SPHERES,
-        f"boundary {boundary}",
-        "newton off",
-        "region box block -1 1 -1 1 -1 1",
-        "create_box 1 box",
+        *box(boundary, "-1 1 -1 1 -1 1"),
         *(f"create_atoms 1 single {place}" for place in atoms),
         f"set group all diameter {2 * RADIUS} density {DENSITY}",
         *(f"set atom {k} {velocity}" for k, velocity in enumerate(atoms.values(), 1)),

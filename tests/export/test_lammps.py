@@ -16,7 +16,7 @@ from tests.export.lammps import (
     ENVIRONMENT,
     MOVES,
     NEEDED,
-    SPHERES,
+    box,
     build,
     impact,
     lammps,
@@ -98,12 +98,7 @@ def gas(steps: int = 600) -> list[str]:
     """1000 spheres at a volume fraction of 0.43 with relative velocities of metres a second."""
     momentum = "".join(f" $(vcm(all,{axis})*mass(all):%.17g)" for axis in "xyz")
     return [
-        *SPHERES,
-        "boundary p p p",
-        "newton off",
-        "lattice sc 0.0270",
-        "region box block 0 10 0 10 0 10",
-        "create_box 1 box",
+        *box("p p p", "0 10 0 10 0 10", ["lattice sc 0.0270"]),
         "create_atoms 1 box",
         f"set group all diameter {2 * RADIUS} density {DENSITY}",
         "velocity all create 1.0 12345 dist uniform rot no",
@@ -146,11 +141,7 @@ def meeting(x: float, y: float, velocity: float, drift_x: float, drift_y: float)
     """Two spheres just before their impact in a periodic box, that drift meanwhile."""
     gap = RADIUS * (1 + 1e-9)
     return [
-        *SPHERES,
-        "boundary p p p",
-        "newton off",
-        "region box block -.1 .1 -.1 .1 -.1 .1",
-        "create_box 1 box",
+        *box("p p p", "-.1 .1 -.1 .1 -.1 .1"),
         f"create_atoms 1 single {x - gap!r} {y} 0",
         f"create_atoms 1 single {x + gap!r} {y} 0",
         f"set group all diameter {2 * RADIUS} density {DENSITY} vy {drift_y}",
@@ -209,11 +200,7 @@ def test_a_box_is_filled(how, plugin):
     """From nothing or by smaller spheres: none is lost, none falls through; warnings at the end."""
     fills, count = FILLED[how]
     lines = [
-        *SPHERES,
-        "boundary p p f",
-        "newton off",
-        "region box block -.15 .15 -.15 .15 0 .6",
-        "create_box 1 box",
+        *box("p p f", "-.15 .15 -.15 .15 0 .6"),
         "region above block -.13 .13 -.13 .13 .05 .35",
         *LOAD,
         "fix floor all softjax/wall plate zplane 0.0 NULL",

@@ -18,7 +18,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export.lammps import build, needs_lammps, rebounds, scene
+from tests.export.lammps import build, impact, needs_lammps, onto_a_wall, rebounds
 from tests.export.laws import DENSITY, RANGE, STEEL
 
 PHASES = (np.arange(8) + 0.5) / 8
@@ -73,14 +73,8 @@ print("RESULT", json.dumps([b.state.vel[0] for b in O.bodies if isinstance(b.sha
 
 def in_lammps(folder, impacts, wall, steps) -> np.ndarray:
     """ε of each impact; so of the other codes."""
-    scripts = []
-    for v, gap in impacts:
-        atoms = {f"{s * (RADIUS + gap / 2)!r} 0 0": f"vx {-s * v / 2!r}" for s in (-1, 1)}
-        if wall:
-            atoms = {f"0 0 {RADIUS + gap!r}": f"vz {-v!r}"}
-        rebound = f"{'vz[1]' if wall else '(vx[2]-vx[1])'}/{v!r}"
-        scripts.append(scene(atoms, "f f f", ["include in.softjax"], steps, rebound))
-    return rebounds(scripts, folder)
+    of = onto_a_wall if wall else impact
+    return rebounds((of(v, ["include in.softjax"], steps, gap=gap) for v, gap in impacts), folder)
 
 
 def in_liggghts(folder, impacts, wall, steps) -> np.ndarray:
@@ -94,14 +88,9 @@ def in_liggghts(folder, impacts, wall, steps) -> np.ndarray:
         for vx, vz in speeds:
             motions += [f"group one id {len(motions) // 3 + 1}"]
             motions += [f"velocity one set {vx!r} 0 {vz!r} units box", "group one delete"]
-    text = LIGGGHTS.format(
-        atoms="\n".join(atoms),
-        motions="\n".join(motions),
-        diameter=2 * RADIUS,
-        density=DENSITY,
-        width=len(impacts) * 4 * RADIUS,
-        steps=steps,
-    )
+    sizes = {"diameter": 2 * RADIUS, "density": DENSITY, "width": len(impacts) * 4 * RADIUS}
+    lines = {"atoms": "\n".join(atoms), "motions": "\n".join(motions), "steps": steps}
+    text = LIGGGHTS.format(**sizes, **lines)
     (folder / "in.matrix").write_text(text, encoding="utf-8")
     environment = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
     command = ["liggghts", "-in", "in.matrix", "-log", "none"]
