@@ -21,8 +21,11 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     atexit.register(shutil.rmtree, shared, ignore_errors=True)
 
 import jax
+import numpy as np
 
+import calibration as cal
 import softjax as sj
+from tests.cases import fitted
 from tests.command import write_alloy
 
 sj.enable_x64()
@@ -86,3 +89,16 @@ def quick(tmp_path_factory):
     """A material file that is soon fitted."""
     folder = tmp_path_factory.mktemp("quick")
     return write_alloy(folder, 'law = "constant"\nprofiles = false')
+
+
+@pytest.fixture(scope="session")
+def above_yield(tmp_path_factory):
+    """A fit that determines nothing below first yield, and its file."""
+    law, velocity = fitted("nylon"), np.geomspace(1.5, 60.0, 24)
+    noise = 0.003 * np.random.default_rng(4).normal(size=24)
+    measured = np.asarray(sj.restitution(law, velocity).coefficient) + noise
+    data = cal.RestitutionData(velocity, measured, law.contact, 0.003, name="my\nnylon")
+    result = cal.fit(data, profiles=False, starts=4)
+    path = tmp_path_factory.mktemp("fit") / "fit.json"
+    result.save(path)
+    return result, str(path)

@@ -49,21 +49,16 @@ def test_a_curve_has_gaps_where_nothing_rebounds(tmp_path):
     assert {x.get_marker() for x in ax.get_lines() if x.get_label() == "nylon"} == {"o"}
 
 
-def test_what_a_fit_does_not_determine_is_grey(tmp_path):
-    v, law = np.geomspace(1.5, 20, 12), fitted("nylon")
-    exact = np.asarray(sj.restitution(law, v).coefficient)
-    noise = 0.003 * np.random.default_rng(1).standard_normal(12)
-    data = cal.RestitutionData(v, exact + noise, law.contact, 0.003, name="nylon")
-    cal.fit(data, profiles=False, starts=4).save(tmp_path / "fit.json")
+def test_what_a_fit_does_not_determine_is_grey(tmp_path, above_yield):
     few = ("--from", "0.1", "--to", "20", "--points", "30")
-    made = shown(tmp_path, "curve", "--fit", tmp_path / "fit.json", *few)
+    made = shown(tmp_path, "curve", "--fit", above_yield[1], *few)
     (ax,) = made.figures["curve.png"].axes
     (grey,) = ax.patches
     grid = np.geomspace(0.1, 20, 30)
-    first = grid[grid >= float(law.contact.critical_velocity)][0]
+    first = grid[grid >= float(fitted("nylon").contact.critical_velocity)][0]
     assert (grey.get_x(), grey.get_x() + grey.get_width()) == pytest.approx((0.1, first))
     assert grey.get_label() == "not determined"
-    np.testing.assert_array_equal(np.isfinite(line(ax, "nylon")[1]), grid >= first)
+    np.testing.assert_array_equal(np.isfinite(line(ax, r"my\nnylon")[1]), grid >= first)
 
 
 def test_speed_is_microseconds_a_collision(monkeypatch, tmp_path):
