@@ -34,13 +34,19 @@ SPHERES = ("units si", "atom_style sphere", "atom_modify map array")
 MOVES = ("fix move all nve/sphere", "thermo 1000000")
 
 
-def lammps(lines, folder: Path, ranks: int = 1) -> list[np.ndarray]:
-    """The numbers of the lines RESULT … that a script prints."""
+def output_of(lines, folder: Path, ranks: int = 1) -> tuple[int, str]:
+    """LAMMPS' exit code and what it prints."""
     (folder / "in.test").write_text("\n".join(lines) + "\n", encoding="utf-8")
     command = [NEEDED[0], "-n", str(ranks), NEEDED[2], "-in", "in.test", "-log", "none"]
     ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
-    assert ended.returncode == 0, (ended.stdout + ended.stderr)[-2000:]
-    found = [line.split()[1:] for line in ended.stdout.splitlines() if line.startswith("RESULT")]
+    return ended.returncode, ended.stdout + ended.stderr
+
+
+def lammps(lines, folder: Path, ranks: int = 1) -> list[np.ndarray]:
+    """The numbers of the lines RESULT … that a script prints."""
+    code, out = output_of(lines, folder, ranks)
+    assert code == 0, out[-2000:]
+    found = [line.split()[1:] for line in out.splitlines() if line.startswith("RESULT")]
     return [np.array(numbers, float) for numbers in found]
 
 

@@ -29,7 +29,6 @@ MASS, DENSITY = float(PAIR.mass), 8030.0
 RANGE = (0.1, 5.0)  # m/s
 SPRING = float(PAIR.stiffness) * math.sqrt(float(PAIR.radius))  # N/m, as stiff as Hertz at δ = R
 VELOCITIES = (0.1, 1.0, 5.0)
-FRACTION = math.log(1 / 0.8) / math.hypot(math.pi, math.log(0.8))  # of critical damping, for 0.8
 INDEPENDENT = {
     "zhou": STEEL,
     "zhou full": fitted("stainless steel", "full"),

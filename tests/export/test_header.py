@@ -13,7 +13,6 @@ import softjax as sj
 from tests.cases import MATERIALS, pair
 from tests.export.laws import (
     DAMPED,
-    FRACTION,
     INDEPENDENT,
     LAWS,
     MASS,
@@ -25,6 +24,7 @@ from tests.export.laws import (
 )
 
 pytestmark = needs_compiler
+FRACTION = math.log(1 / 0.8) / math.hypot(math.pi, math.log(0.8))  # of critical damping, for 0.8
 WIDE = np.geomspace(1e-3, 50, 128)  # m/s, of which
 SOME = slice(40, 128, 4)  # from 0.03 m/s
 # χ̃ of Table 1, with which nylon gains energy just above yield and has no residual overlap
@@ -127,15 +127,6 @@ def test_no_history_gains_energy(name, in_c):
     for turns in histories(top):
         gain, most = code.gained(turns, contact=law.contact)
         assert gain <= 1e-6 * most
-
-
-def test_without_the_losses_a_history_gains_no_more_than_an_impact_does(in_c):
-    code, top = in_c(GAINING, losses=False), 60 * float(GAINING.contact.critical_overlap)
-    velocity = float(GAINING.contact.critical_velocity) * np.geomspace(1, 200, len(WIDE))
-    impact = np.max(np.asarray(sj.restitution(GAINING, velocity).plastic_coefficient)) ** 2 - 1
-    assert impact > 1e-4  # Eq. (12) with Table 1's χ̃ does gain energy
-    parts = [gain / most for gain, most in (code.gained(t, contact=PAIR) for t in histories(top))]
-    assert 0 < max(parts) <= 1.01 * impact
 
 
 @pytest.mark.parametrize("losses", [True, False])

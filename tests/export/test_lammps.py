@@ -4,7 +4,6 @@ import dataclasses
 import json
 import math
 import re
-import subprocess
 
 import numpy as np
 import pytest
@@ -13,15 +12,14 @@ import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
 from tests.export.lammps import (
-    ENVIRONMENT,
     MOVES,
-    NEEDED,
     box,
     build,
     impact,
     lammps,
     needs_lammps,
     onto_a_wall,
+    output_of,
     rebounds,
 )
 from tests.export.laws import DENSITY, PAIR, RANGE, STEEL, VELOCITIES
@@ -223,13 +221,6 @@ def test_a_box_is_filled(how, plugin):
     assert np.all(np.linalg.norm(apart, axis=0)[np.triu_indices(count, 1)] > least)
     assert "impacts were outside the velocities of their softjax law" in out
     assert "times the one that a softjax law was tested with" in out
-
-
-def output_of(lines, folder) -> tuple[int, str]:
-    (folder / "in.run").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    command = [NEEDED[2], "-in", "in.run", "-log", "none"]
-    ended = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True)
-    return ended.returncode, ended.stdout + ended.stderr
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,7 @@
-"""Bodies, data sets and laws that several scenarios share, and what is recorded of a fit."""
+"""Bodies and data sets that several scenarios share, and what is recorded of a fit."""
 
 from functools import cache
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 import calibration as cal
@@ -30,64 +27,6 @@ def rebounds(uncertainty=0.003, name="alloy", material=simulated.ALLOY, measured
 def plain_fit():
     """Of Zhou's law to the data set as it is, for what is made of a fit."""
     return cal.fit(rebounds(), **QUICK)
-
-
-class Hardening(sj.RateIndependentLaw):
-    """Hertz's loading; unloading is the steeper the deeper the impact went."""
-
-    contact: sj.Contact
-    length: float
-
-    def loading_force(self, overlap):
-        return self.contact.stiffness * overlap**1.5
-
-    def unloading_force(self, overlap, peak_overlap):
-        power = 1.5 + peak_overlap / self.length
-        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
-
-
-class Rubbing(sj.RateDependentLaw):
-    """Hertz's spring and a dashpot that grows with the overlap."""
-
-    end = "zero-overlap"
-    contact: sj.Contact
-    viscosity: float
-
-    def force(self, overlap, velocity):
-        return self.contact.stiffness * overlap**1.5 + self.viscosity * overlap * velocity
-
-
-class Learned(sj.RateIndependentLaw):
-    """Hertz's loading; the power of unloading is a network's function of the largest overlap."""
-
-    contact: sj.Contact
-    network: eqx.nn.MLP = sj.array_field()
-
-    def loading_force(self, overlap):
-        return self.contact.stiffness * overlap**1.5
-
-    def unloading_force(self, overlap, peak_overlap):
-        size = jnp.log(peak_overlap / self.contact.critical_overlap)
-        power = 1.5 + jax.nn.softplus(self.network(jnp.stack([size]))[0])
-        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
-
-
-def network():
-    """Three tanh in one layer; its ten numbers by a formula, so that no generator decides."""
-    made = eqx.nn.MLP(1, 1, 3, 1, activation=jnp.tanh, key=jax.random.key(0))
-    place = iter(range(4))
-
-    def filled(leaf):
-        if not eqx.is_array(leaf):
-            return leaf
-        return jnp.asarray(0.5 * np.cos(1 + next(place) + np.arange(leaf.size))).reshape(leaf.shape)
-
-    return jax.tree.map(filled, made)
-
-
-def on_a_line(contact, c1, c2, sigma, psi):
-    """Zhou's law with Eq. (18) for its factor."""
-    return sj.Zhou(contact, c1 + c2 * contact.yield_ratio, sigma, psi)
 
 
 def record_fit(numbers: Numbers, result: cal.FitResult, name="", *, weighted=False) -> None:
