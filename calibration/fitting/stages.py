@@ -58,7 +58,7 @@ Places = Float[np.ndarray, "starts elements"]
 def candidates(
     problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int, wide: float = 1.0
 ) -> Places:
-    """`count` starts: z itself, then Sobol points around it along the active elements.
+    """`count` starts: z itself, then points evenly around it along the active elements.
 
     Args:
         wide: how many times its own size an element of any sign may change.
@@ -66,11 +66,12 @@ def candidates(
     active = problem.active
     if count <= 1 or not len(active):
         return z[None]
-    from scipy.stats import qmc
-
     low, high = np.transpose([_range_of(problem, int(k), z[k], wide) for k in active])
-    power = int(np.ceil(np.log2(count)))
-    unit = qmc.Sobol(len(active), seed=seed).random_base2(power)[: count - 1]
+    # Richtmyer's sequence: SciPy's Sobol points are as even after half a second of imports
+    many = range(2, 10 + 20 * len(active))
+    primes = [n for n in many if all(n % k for k in range(2, math.isqrt(n) + 1))][: len(active)]
+    shift = np.random.default_rng(seed).random(len(active))
+    unit = (shift + np.arange(1, count)[:, None] * np.sqrt(primes)) % 1
     places = np.repeat(z[None], count, axis=0)
     places[1:, active] = low + (high - low) * unit
     return places
