@@ -10,7 +10,7 @@ import calibration as cal
 import softjax as sj
 from tests import fit_oracle
 from tests.decay import Decay, decay
-from tests.fit_data import TRUTH, eq_17_data, twin
+from tests.fit_data import TRUTH, twin
 
 QUICK = {"profiles": False, "starts": 4}
 Free = cal.Parameter
@@ -205,17 +205,6 @@ def test_the_same_measurements_stated_otherwise_are_the_same_fit(seed):
     compared(one, split)
     compared(split, turned)
     assert split.leave_one_out().elpd == pytest.approx(left.elpd, abs=1e-5)
-
-
-@pytest.mark.parametrize("unit", [1e-3, 3.6])
-def test_units_of_velocity_do_not_matter(unit):
-    """Of Eq. (17), whose limit velocity goes with them."""
-    data = eq_17_data("nylon", noise=0.004)
-    fits = [
-        cal.fit(cal.RestitutionData(by * data.velocity, data.restitution, limit_velocity=by * float(data.limit_velocity)), "eq-17", **QUICK)
-        for by in (1.0, unit)
-    ]  # fmt: skip
-    compared(*fits, ("sigma", "psi"))
 
 
 def test_many_points_are_fitted_as_all_of_them():

@@ -230,21 +230,6 @@ def test_the_line_weighs_what_is_fitted_on_any_scale(tmp_path):
     assert cal.fit(sets, unloading_line=None, **QUICK).unloading_line is None
 
 
-def test_the_errors_of_a_line_through_two_curves_are_those_of_their_chi():
-    """Two materials lie on the line exactly: both χ̃ carried through it."""
-    sets = three(NAMES[1:])
-    result = cal.fit(sets, **QUICK)
-    line = result.unloading_line
-    ratios = np.array([float(d.contact.yield_ratio) for d in sets])
-    chi = np.array([result.values[f"chi[{d.name}]"] for d in sets])
-    errors = np.array([result.standard_errors[f"chi[{d.name}]"] for d in sets])
-    inverse = np.linalg.inv(np.stack([np.ones(2), ratios], axis=1))
-    expected = np.sqrt(np.diag(inverse @ np.diag(errors**2) @ inverse.T))
-    for k, one in enumerate((line.c1, line.c2)):
-        assert one.value == pytest.approx((inverse @ chi)[k], rel=1e-5)
-        assert one.standard_error == pytest.approx(expected[k], rel=1e-4)
-
-
 def test_the_line_is_of_each_set_s_own_parameters():
     """Sets that share a parameter are one fit; the line through all does not depend on their order."""
     parameters = {f"psi[{name}]": Free(shared="both") for name in ("stainless steel", "nylon")}
