@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 import calibration as cal
 import softjax as sj
 from tests import fit_oracle
-from tests.fit_data import TRUTH, eq_17_data, pair, twin
+from tests.fit_data import TRUTH, eq_17_data, pair
 from tests.fit_oracle import own_model
 
 # found independently by least squares on the energy balance
@@ -101,22 +101,6 @@ def test_the_file_has_the_layout_of_the_interface_loads_back_equal_and_is_the_sa
     text = str(result)
     for part in ("stainless steel", "χ̃", "1.79", "Eq. (18)", "converged", "model-misfit"):
         assert part in text
-
-
-def test_each_step_recovers_its_parameters_from_far_off():
-    """Eq. (17) alone; and χ̃ of Eq. (16) with σ and ψ given, which then have no error."""
-    _, chi, sigma, psi, _ = TRUTH["nylon"]
-    far = {"sigma": Free(10 * sigma), "psi": Free(2 * psi)}
-    first = cal.fit(eq_17_data("nylon"), "eq-17", far)
-    assert first.values["sigma"] == pytest.approx(sigma, rel=1e-6)
-    assert first.values["psi"] == pytest.approx(psi, rel=1e-6)
-    for factor in (10.0, 0.1):
-        parameters = {"chi": Free(factor * chi), "sigma": sigma, "psi": psi}
-        found = cal.fit(twin("nylon"), None, parameters, **QUICK | {"starts": 4})
-        assert found.converged
-        assert found.values["chi"] == pytest.approx(chi, rel=1e-6)
-        assert found.values["sigma"] == sigma
-        assert found.standard_errors["sigma"] is None
 
 
 def own_eq_17(data):

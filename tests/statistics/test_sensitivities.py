@@ -6,7 +6,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from tests.cases import FITTED, FORMS, MATERIALS, RADIUS, column, fitted, law_of, reference
+from tests.cases import FITTED, MATERIALS, RADIUS, column, fitted, law_of, of_form
 from tests.fit_data import twin
 
 PROPERTIES = {  # the oracle's names
@@ -23,23 +23,6 @@ PROPERTIES = {  # the oracle's names
 LEAVES = {name: PROPERTIES[name] for name in PROPERTIES if name not in ("poisson_ratio", "density")}
 LEAVES |= {"mass": "M", "limit_velocity": "v_lim"}
 VELOCITY = np.array([0.002, 0.05, 0.7, 2.0])
-CURVES = [
-    pytest.param(
-        name, form, None, marks=[] if (name, form) == ("nylon", "first-order") else pytest.mark.long
-    )
-    for name in MATERIALS
-    for form in FORMS
-]
-BY_ODE = pytest.param("nylon", "first-order", sj.ODE(rtol=1e-11), marks=pytest.mark.long)
-
-
-def spheres(name: str, form: str = "first-order") -> cal.Inputs:
-    return cal.of_spheres(MATERIALS[name], RADIUS, form=form, **FITTED[name])
-
-
-def records(section: str, name: str, form: str) -> list[dict]:
-    every = reference()[section]
-    return [r for r in every if (r["material"], r["inputs"]["form"]) == (name, form)]
 
 
 def check_slopes(found, names, expected):
@@ -50,27 +33,31 @@ def check_slopes(found, names, expected):
     assert np.max(np.abs(found.of("chi"))) > 1e-3  # zeros would pass without derivatives
 
 
-@pytest.mark.parametrize(("name", "form", "route"), [*CURVES, BY_ODE])
-def test_properties_of_materials_agree_with_differences_in_40_digits(name, form, route):
+def records(section, name):
+    every = of_form(section, "first-order")
+    return [record for record in every if record["material"] == name]
+
+
+def test_properties_of_materials_agree_with_differences_in_40_digits():
     """Through the function that builds the contact of the material."""
-    expected = records("materials", name, form)
-    found = cal.sensitivity(spheres(name, form), column(expected, "inputs", "v"), route)
+    expected = records("materials", "nylon")
+    inputs = cal.of_spheres(MATERIALS["nylon"], RADIUS, **FITTED["nylon"])
+    found = cal.sensitivity(inputs, column(expected, "inputs", "v"))
     check_slopes(found, PROPERTIES, expected)
     # kg, m and s: three identities between nine sensitivities, and two that follow from them
     names = ("youngs_modulus", "density", "yield_strength", "radius", "velocity")
     E, rho, Y, R, v = (found.of(name) for name in names)
     sums = np.stack([E + Y + rho, R + v - E - Y - 3 * rho, -2 * E - 2 * Y - v], axis=-1)
-    exact = 1e-13 if route is None else 1e-8
-    np.testing.assert_allclose(sums, 0, atol=exact)
+    np.testing.assert_allclose(sums, 0, atol=1e-13)
     np.testing.assert_allclose(found.dimensional_sums(), sums, atol=1e-14)
-    np.testing.assert_allclose(R, 0, atol=exact)
-    np.testing.assert_allclose(v, 2 * rho, atol=exact)
+    np.testing.assert_allclose(R, 0, atol=1e-13)
+    np.testing.assert_allclose(v, 2 * rho, atol=1e-13)
     assert np.max(np.abs(v)) > 1e-3
 
 
 def test_fields_of_a_law_agree_with_differences_in_40_digits():
     """Stored leaves held independent, v below, near and far above yield."""
-    expected = records("curves", "chrome steel", "first-order")
+    expected = records("curves", "chrome steel")
     found = cal.sensitivity(law_of(expected[0]["inputs"]), column(expected, "inputs", "v"))
     check_slopes(found, LEAVES, expected)
 

@@ -94,28 +94,6 @@ def test_a_profile_follows_a_valley_to_its_end():
     assert rise == pytest.approx([stats.chi2.ppf(0.95, 1)] * 2, rel=1e-3)
 
 
-def test_what_follows_a_parameter_without_bound_has_no_interval():
-    """Below yield as no σ and ψ have it: σ a hundredth, ψ with it, and the likelihood hardly falls."""
-    contact = pair("nylon")
-    critical, limit = float(contact.critical_velocity), float(contact.limit_velocity)
-    v = np.append(np.linspace(0.5, 0.99, 8), np.geomspace(1.02, 20, 20)) * critical
-    above = sj.restitution(sj.Zhou(contact, 0.3, 0.4, 0.5), v).coefficient
-    e = np.where(v < critical, 1 - 0.02 * (v / critical) ** 6, above)
-    e += 0.003 * np.random.default_rng(1).standard_normal(28)
-    data = cal.RestitutionData(v, e, contact, 0.003, limit_velocity=limit)
-    result = cal.fit(data, starts=4)
-    assert result.values["sigma"] is None
-    psi = result.estimates["psi"]
-    assert psi.low is psi.high is psi.standard_error is None
-    law, ratio = result.materials[0].law, np.log(limit / critical - 1)
-    near, far = (
-        sj.Zhou(law.contact, law.chi, law.sigma / part, law.psi - np.log(part) / ratio)
-        for part in (1, 100)
-    )
-    off = [np.asarray(sj.restitution(one, v).coefficient) - e for one in (near, far)]
-    assert -2 < np.sum(off[0] ** 2 - off[1] ** 2) / (2 * 0.003**2) < 0
-
-
 def test_an_interval_at_a_bound_knows_as_little_of_the_noise():
     """Student's quantile, with the residuals' degrees of freedom, as that of its neighbours."""
     nylon = pair("nylon")
