@@ -3,7 +3,7 @@
 Expected values are formulas, SciPy's quadratures of the same forces, or SciPy's own integration.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import diffrax
 import jax.numpy as jnp
@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import column, fitted, law_with, of_form, pair
-from tests.laws import LAWS, WITH_FORCE, mp, numbers
+from tests.cases import column, law_with, of_form, pair
+from tests.laws import LAWS, WITH_FORCE
 from tests.oracles.by_scipy import by_motion
-from tests.physics.by_forces import PULLED, Columns, answers, columns, loading
 
 PAIR = pair("stainless steel")
 K, M = float(PAIR.stiffness), float(PAIR.mass)
@@ -51,19 +50,8 @@ class Hardening(sj.RateIndependentLaw):
         return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
 
 
-def viscoelastic():
-    law = sj.ViscoelasticHertz(PAIR, 1e-6)
-    return law, VELOCITY, np.asarray(sj.restitution(law, VELOCITY).coefficient) ** 2
-
-
 def hardening():
     return Hardening(PAIR), VELOCITY, 2.5 / (2.5 + LENGTH * VELOCITY**0.8 / 1e-4)
-
-
-def zhou(name, form):
-    law = fitted(name, form)
-    velocity = np.geomspace(1.01, 200, 1000) * float(law.contact.critical_velocity)
-    return law, velocity, np.asarray(sj.restitution(law, velocity).plastic_coefficient) ** 2
 
 
 def built_in(name):
@@ -75,35 +63,11 @@ def built_in(name):
 
 @lru_cache
 def by_rates():
-    rows = [
-        {"dissipation": 0.1},
-        {"viscosity": 20.0},
-        {"friction": 0.3, "viscosity": 5.0},
-        {"viscosity": 5.0},
-    ]
-    velocity = np.repeat([0.3, 1.0, 3.0], len(rows))
-    law = Damped(
-        PAIR,
-        *(
-            np.array([row.get(n, 0.0) for row in rows] * 3)
-            for n in ("dissipation", "friction", "viscosity")
-        ),
-    )
-    exact = [
-        by_motion(Damped(PAIR, **row), v)
-        for row, v in zip(rows * 3, velocity.tolist(), strict=True)
-    ]
-    return law, velocity, exact
-
-
-def pulled():
-    """Steeper than Hertz's, pulling and jumping; what the force does and what is done to it is its condition."""
-    fields, velocity = columns([law for law, _ in PULLED]), np.array([v for _, v in PULLED])
-    exact = answers(fields, velocity)
-    x = exact.peak[:, None] * np.linspace(0, 1, 401)
-    force = loading(Columns(*(column[:, None] for column in fields)), x, np)
-    condition = np.trapezoid(np.abs(force), x, axis=1) / (0.4 * velocity**2)
-    return fields.law(), velocity, exact.squared, np.maximum(condition, 1.0)
+    rows = 3 * [(0.1, 0.0, 0.0), (0.0, 0.0, 20.0), (0.0, 0.3, 5.0), (0.0, 0.0, 5.0)]
+    velocity = np.repeat([0.3, 1.0, 3.0], 4)
+    pairs = zip(rows, velocity.tolist(), strict=True)
+    exact = [by_motion(Damped(PAIR, *row), v) for row, v in pairs]
+    return Damped(PAIR, *np.transpose(rows)), velocity, exact
 
 
 def rates():
@@ -111,32 +75,20 @@ def rates():
     return law, velocity, np.array([e.squared for e in exact])
 
 
-CASES = {
-    "viscoelastic": viscoelastic,
-    "hardening": hardening,
-    "forces": pulled,
-    "rates": rates,
-} | {
-    f"{name}, {form}": lambda name=name, form=form: zhou(name, form)
-    for name in ("stainless steel", "nylon")
-    for form in ("first-order", "full")
-}
-CASES |= {
-    name: lambda name=name: built_in(name) for name in WITH_FORCE if not name.startswith("zhou")
-}
+CASES = {"hardening": hardening, "rates": rates}
+CASES |= {name: partial(built_in, name) for name in WITH_FORCE}
 
 
 def check(case, solver, rtol, every=1):
     """The share of impacts without a flag that err too much, and that of the flagged."""
-    law, velocity, expected, *condition = CASES[case]()
-    velocity, expected = velocity[::every], expected[::every]
+    law, velocity, exact = CASES[case]()
+    velocity, exact = velocity[::every], exact[::every]
     found = sj.restitution(law, velocity, sj.ODE(rtol=rtol, solver=solver))
-    error = np.abs(np.asarray(found.plastic_coefficient) ** 2 - expected)
+    error = np.abs(np.asarray(found.plastic_coefficient) ** 2 - exact)
     bad = int(sj.Status.SOLVER_FAILED | sj.Status.INEXACT)
     flagged = (np.asarray(found.status) & bad) != 0
-    wrong = (error > 10 * rtol * (condition or [1.0])[0] + 1e-12) & ~flagged
     message = f"{case} by {solver} at {rtol}: up to {np.max(error):.2g}"
-    assert np.mean(wrong) <= 1e-3, message
+    assert np.mean((error > 10 * rtol + 1e-12) & ~flagged) <= 1e-3, message
     if solver != "bosh3" and rtol >= 1e-10:
         assert np.mean(flagged) <= 1e-3, message
 
@@ -226,37 +178,6 @@ def test_error_falls_throughout_with_the_tolerance():
     assert np.all(np.diff(errors) < 0)
     assert errors[0] < 1e-4
     assert errors[-1] < 1e-12
-
-
-STEPS = {"bosh3": (12, 24, 48), "dopri5": (8, 16, 32)}
-
-
-@LONG
-@pytest.mark.parametrize("solver", STEPS)
-@pytest.mark.parametrize("name", [name for name in WITH_FORCE if name != "hertz"])
-def test_every_law_converges_at_the_order(name, solver):
-    """Of ε_p, the largest overlap and the duration, in 40 digits; by regression or the last doubling."""
-    case = LAWS[name]
-    velocity = float(case.velocity[-1]) * np.geomspace(0.4, 1.0, 5)
-    rows = []
-    for v in velocity:
-        with mp.workdps(40):
-            at = {key: mp.mpf(float(x)) for key, x in numbers(case.law, v).items()}
-            found = case.exact(at | ({"sigma": mp.mpf(0)} if "zhou" in name else {}))
-            rows.append([float(found.coefficient), float(found.peak), float(found.duration)])
-    exact = np.array(rows).T
-
-    def off(route):
-        hit = sj.restitution(case.law, velocity, route)
-        found = np.array([hit.plastic_coefficient, hit.peak_overlap, hit.duration])
-        return np.max(np.abs(found - exact) / np.max(exact, axis=1, keepdims=True), axis=1)
-
-    errors = np.array([off(sj.ODE(steps=n, solver=solver)) for n in STEPS[solver]])
-    errors = np.maximum(errors, 1e-16)
-    order = -np.polyfit(np.log(STEPS[solver]), np.log(errors), 1)[0]
-    order = np.maximum(order, np.log2(errors[-2] / errors[-1]))  # few steps may not show it yet
-    settled = errors[-1] < 1e-12  # rounding, where nothing falls any more
-    assert np.all((order > ORDERS[solver] - 0.7) | settled), (order, errors)
 
 
 def test_thornton_converges_at_the_order_of_the_solver():
