@@ -206,13 +206,18 @@ CURVES = [
 
 @pytest.mark.parametrize(("form", "route", "bound"), CURVES)
 def test_first_derivatives_over_the_curves(form, route, bound):
-    """ε and both overlaps in all nine inputs, forward and reverse; at 75 velocities of three materials."""
+    """ε, ε_p and both overlaps, in all nine inputs, forward and reverse; at 75 velocities of three materials."""
     records = of_form("curves", form)
     values = of_records(records)
-    *_, modes = graded(fitted("nylon", form), values, route)
+    found, result, modes = graded(fitted("nylon", form), values, route)
     peak = column(records, "peak_overlap")
     below = np.array(["ELASTIC" in record["flags"] for record in records])
     assert 0 < np.sum(below) < len(below)
+    exact = [column(records, name) for name in (*OVERLAPS, "eps_p")]
+    size = np.where(np.arange(4)[:, None] % 3, peak, 1.0)
+    values_off = np.abs([*found, result.plastic_coefficient] - np.array(exact)) / size
+    assert np.max(values_off) <= max(2e-12, 1e-3 * bound)
+    assert np.array_equal(result.status, flags_of(records))
     for slopes in modes:
         for name, slope in zip(values, slopes, strict=True):
             exact = [column(records, "log_sensitivities", SYMBOLS[name], q) for q in OVERLAPS]

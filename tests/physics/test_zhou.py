@@ -1,8 +1,6 @@
-"""Zhou's law against 40 and more digits: 150 drawn collisions a form, three materials, y_max."""
+"""Zhou's law against 40 and more digits: 150 drawn collisions a form, up to y_max."""
 
 import json
-from functools import lru_cache
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -12,11 +10,9 @@ import softjax as sj
 from tests import cases
 from tests.cases import EPS, FORMS, column, fitted, flags_of, law_with, of_form
 from tests.laws import QUANTITIES, in_small_batches
-from tests.oracles import zhou_mp
+from tests.oracles import write
 
-NUMBERS = zhou_mp.NUMBERS
 BY_TIME = sj.ODE(rtol=1e-11)
-BATCH = 150  # one program of a form and route serves boxes and curves
 OVER_BOXES = [
     pytest.param(form, route, id=f"{form}-{route.name}", marks=marks)
     for form, route, marks in (
@@ -32,7 +28,6 @@ OVER_BOXES = [
 def test_over_the_boxes(form, route):
     """E/Y 20…1000, X 0.3…3000, y 0…300: ε_p² to 1e-12 and the rounding of the inputs, and all else."""
     records = of_form("boxes", form)
-    assert len(records) == BATCH
     d, X, y = (column(records, name) for name in ("d", "X", "y"))
     law = law_with(d, X, form)
     velocity = y * law.contact.critical_velocity
@@ -62,26 +57,6 @@ def test_over_the_boxes(form, route):
     assert not np.all(ends)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_curves_of_the_materials(form):
-    """From SI inputs: ε, ε_p to 1e-13; overlaps to what the rounding of the inputs does to them."""
-    records = of_form("curves", form)
-    count = len(records)
-    inputs = cases.stacked_inputs(records, BATCH)
-    result = sj.restitution(cases.law_of(inputs), inputs["v"])
-    lasts = result.duration[:count]
-    result = jax.tree.map(lambda x: x[:count], result)
-    assert np.allclose(result.coefficient, column(records, "eps"), rtol=0, atol=1e-13)
-    assert np.allclose(result.plastic_coefficient, column(records, "eps_p"), rtol=0, atol=1e-13)
-    assert np.allclose(result.peak_overlap, column(records, "peak_overlap"), rtol=1e-12, atol=0)
-    error = np.abs(result.residual_overlap - column(records, "residual_overlap"))
-    # just above yield x* moves much with y, and so with the rounding of the inputs
-    slopes = [column(records, "log_sensitivities", name, "residual_overlap") for name in NUMBERS]
-    assert np.all(error <= 1e-13 * result.peak_overlap + 8 * EPS * np.sum(np.abs(slopes), 0))
-    assert np.allclose(lasts, column(records, "duration"), rtol=1e-10, atol=0)
-    assert np.array_equal(result.status, flags_of(records))
-
-
 class ByNumbers(sj.RateIndependentLaw):
     """Zhou's reduced law of given d and X, without the rounding of SI units between."""
 
@@ -103,16 +78,13 @@ def by_numbers(d, X, y):
     return sj.restitution(ByNumbers(contact, d, X), y)
 
 
-@lru_cache
-def turning_points():
-    path = Path(__file__).parents[1] / "oracles" / "turning_point.json"
-    return json.loads(path.read_text(encoding="utf-8"))
+TURNING = json.loads((write.HERE / "turning_point.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_up_to_the_last_turning_point(kind):
     """Where loading has nearly a double root, 1 - y/y_max down to 3e-16, all in one batch."""
-    d, X, y, distance, squared, peak, sensitivity = np.array(turning_points()[kind.__name__]).T
+    d, X, y, distance, squared, peak, sensitivity = np.array(TURNING[kind.__name__]).T
     result = by_numbers(*(a.astype(kind) for a in (d, X, y)))
     eps = float(np.finfo(kind).eps)
     allowed = max(1e-12, 8 * eps) + 8 * eps * sensitivity
@@ -138,8 +110,8 @@ def test_up_to_the_last_turning_point(kind):
 )
 def test_critical_velocity_is_elastic_and_the_next_number_is_not(form, dtype):
     """Whether the law's numbers are arguments of the compiled function or constants in it."""
-    ratio, radius = np.meshgrid(np.geomspace(2, 1e6, 20), np.geomspace(1e-9, 1e3, 20))
-    modulus = np.geomspace(1e8, 1e12, 400).reshape(20, 20)
+    ratio, radius = np.meshgrid(np.geomspace(2, 1e6, 9), np.geomspace(1e-9, 1e3, 9))
+    modulus = np.geomspace(1e8, 1e12, 81).reshape(9, 9)
     values = (modulus, radius, 3e4 * radius**3, modulus / ratio, 1e9)
     contact = sj.Contact(*(np.asarray(value, dtype) for value in values))
     half = np.asarray(0.5, dtype)
@@ -151,17 +123,6 @@ def test_critical_velocity_is_elastic_and_the_next_number_is_not(form, dtype):
         elastic = np.asarray(compute(around).status) & int(sj.Status.ELASTIC) > 0
         assert np.array_equal(np.all(elastic, axis=(1, 2)), [True, True, False])
         assert not np.any(elastic[2])
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_an_elastic_batch_and_a_mixed_one_agree(form):
-    """A batch known to be elastic throughout takes another path to the same numbers."""
-    law = fitted("chrome steel", form)
-    low = law.contact.critical_velocity * np.array([0.0, 0.2, 0.9])
-    mixed = sj.restitution(law, np.append(low, 3 * law.contact.critical_velocity))
-    alone = sj.restitution(law, low)
-    for name in ("coefficient", "peak_overlap", "residual_overlap", "status", "duration"):
-        assert np.allclose(getattr(alone, name), getattr(mixed, name)[:3], rtol=1e-15, atol=0), name
 
 
 def test_no_scale_leaves_float32():
@@ -186,25 +147,22 @@ def test_signed_restitution():
     velocity = y * law.contact.critical_velocity
 
     def found(sigma):
-        moved = law_with(d, X, sigma=sigma, psi=law.psi)
-        signed = sj.signed_restitution(moved, velocity)
-        return signed.squared, (signed.status, sj.restitution(moved, velocity))
+        signed = sj.signed_restitution(law_with(d, X, sigma=sigma, psi=law.psi), velocity)
+        return signed.squared, signed.status
 
-    square, slope, (status, hit) = jax.jit(
-        lambda sigma: jax.jvp(found, (sigma,), (jax.numpy.ones(40),), has_aux=True)
+    square, slope, status = jax.jit(
+        lambda sigma: jax.jvp(found, (sigma,), (np.ones(40),), has_aux=True)
     )(law.sigma)
     ratio = (1 / (law.contact.limit_velocity / law.contact.critical_velocity - 1)) ** 0.01
     up = np.exp(-2 * 5.0 * ratio)
-    expected = column(records, "eps_p_squared") + up - 1
+    exact = column(records, "eps_p_squared") + up - 1
     bound = 1e-12 + 8 * EPS * column(records, "log_sensitivity_sum")
     turned = (status & int(sj.Status.NO_TURNING_POINT)) == 0
-    assert np.all(np.abs(square - expected)[turned] <= bound[turned])
-    lost = turned & (expected < 0)
+    assert np.all(np.abs(square - exact)[turned] <= bound[turned])
+    lost = turned & (exact < 0)
     assert np.sum(lost) > 20
     assert np.all(status[lost] & int(sj.Status.NO_REBOUND))
     assert np.allclose(slope[lost], (-2 * ratio * up)[lost], rtol=1e-9, atol=1e-12)
-    assert np.allclose(np.maximum(square, 0), np.square(hit.coefficient), rtol=1e-14, atol=1e-15)
-    assert np.array_equal(status, hit.status)
 
 
 @pytest.mark.parametrize(
