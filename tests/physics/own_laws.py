@@ -18,18 +18,3 @@ class Borrowed(sj.RateIndependentLaw):
 
     def unloading_force(self, overlap, peak_overlap):
         return self.law.unloading_force(overlap, peak_overlap)
-
-
-class BorrowedDamped(sj.RateDependentLaw):
-    contact: sj.Contact
-    law: sj.RateDependentLaw
-    end: str = sj.choice_field("zero-overlap", "zero-force")
-
-    def force(self, overlap, velocity):
-        return self.law.force(overlap, velocity)
-
-
-def borrowed(law):
-    if isinstance(law, sj.RateDependentLaw):
-        return BorrowedDamped(law.contact, law, law.end)
-    return Borrowed(law.contact, law)

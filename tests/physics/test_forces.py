@@ -10,7 +10,7 @@ from tests.cases import law_with
 from tests.laws import LAWS, PAIR, WITH_FORCE
 from tests.oracles.by_scipy import by_motion, by_works
 from tests.oracles.zhou_mp import loading, loading_end, unloading
-from tests.physics.own_laws import borrowed
+from tests.physics.own_laws import Borrowed
 
 ZHOU = {form: sj.Zhou(PAIR, 1.7944, 3.0432, 0.54, form=form) for form in ("first-order", "full")}
 DAMPED = [name for name in WITH_FORCE if isinstance(LAWS[name].law, sj.RateDependentLaw)]
@@ -26,7 +26,7 @@ def test_works_of_the_forces(name):
     velocity = RATIOS * float(law.contact.critical_velocity)
     found = sj.restitution(law, velocity)
     for k, v in enumerate(velocity):
-        exact = by_works(borrowed(law), float(v))
+        exact = by_works(Borrowed(law.contact, law), float(v))
         assert exact.squared == pytest.approx(float(found.plastic_coefficient[k]) ** 2, rel=1e-12)
         assert exact.peak == pytest.approx(float(found.peak_overlap[k]), rel=1e-12)
         rest = float(found.residual_overlap[k])
