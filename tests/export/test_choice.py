@@ -11,7 +11,7 @@ import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
 from tests.export.laws import DAMPED, INDEPENDENT, MASS, PAIR, RANGE, STEEL, compiled
-from tests.golden.laws import Rubbing
+from tests.golden.errors import Rubbing
 from tests.shown.capture import drawn
 
 LADDER = ["linear", "hertz-dashpot", "viscoelastic", "walton-braun", "exact"]

@@ -1,12 +1,16 @@
-"""Every refusal names the place, what was given and what is accepted, in one line."""
+"""Every refusal names the place, what was given and what is accepted, in one line; the published schemas refuse the same."""
 
 import json
+import os
+import tomllib
 
+import jsonschema
 import pytest
 
 import calibration as cal
+from tests.command import run
 from tests.refusals.__main__ import sentence, sentences
-from tests.refusals.table import CASES, CSV, TOML, genuine, loaded, refusal, written
+from tests.refusals.table import CASES, CSV, TOML, WALL, changed, genuine, loaded, refusal, written
 
 LONGEST = 420  # characters beside the folder
 
@@ -44,3 +48,103 @@ def test_the_files_that_the_cases_spoil_are_good(tmp_path):
 def test_whole_sentences(way, name, tmp_path):
     """As `sentences.txt` has them, which `python -m tests.refusals` writes again."""
     assert sentence(way, name, tmp_path) == sentences()[way, name]
+
+
+READERS = [cal.read_csv, cal.read_toml, cal.read_problem, cal.FitResult.load]
+
+
+def said(read, path):
+    with pytest.raises(cal.InputError) as caught:
+        read(path)
+    assert str(caught.value).replace("\n", "").isprintable()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_what_is_no_regular_file_is_not_opened(read, tmp_path):
+    os.mkfifo(tmp_path / "pipe")  # nobody writes: to open it is to wait for ever
+    for path in (tmp_path / "pipe", "/dev/zero"):
+        assert said(read, path).startswith(f"{path}: is a device or a pipe; ")
+    assert said(read, tmp_path).startswith(f"{tmp_path}: is a directory; ")
+    missing = tmp_path / "missing"
+    assert said(read, missing).startswith(f"{missing}: no such file; ")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
+def test_what_may_not_be_read(tmp_path):
+    (tmp_path / "a.csv").write_text("v,e\n1,0.9\n")
+    (tmp_path / "a.csv").chmod(0)
+    assert "Permission denied" in said(cal.read_csv, tmp_path / "a.csv")
+
+
+def test_a_path_that_is_not_utf_8_is_told_by_its_codes(tmp_path):
+    path = os.fsdecode(os.fsencode(tmp_path) + b"/st\xfc.csv")
+    assert r"st\udcfc.csv: no such file" in said(cal.read_csv, path)
+
+
+LARGE = {  # of at most 2 MiB, which a reader that looks at each key again for each would not end
+    "keys": ("".join(f"a{i:05d} = 1\n" for i in range(20_000)), "m.toml:1: unknown key 'a00000'"),
+    "tables": ("[[material]]\n" * 20_000, "m.toml:1: data is missing"),
+    "text": ('a = """' + "\\n" * 500_000 + '"""', "m.toml:1: unknown key 'a'"),
+    "array": ("a = [" + "1,\n" * 30_000 + "]", "m.toml:1: unknown key 'a'"),
+    "quotes": ('"""\\"' * 200_000, "m.toml:1: "),
+    "number": ("[[material]]\ndensity = 0x" + "f" * 100_000, "m.toml:2: density"),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_large_material_files(name, tmp_path):
+    text, words = LARGE[name]
+    (tmp_path / "m.toml").write_text(text)
+    assert words in said(cal.read_toml, tmp_path / "m.toml")
+
+
+KINDS = [  # refusals that a single entry deserves, whatever stands beside it
+    *("unknown key", "unknown key of a wall", "unknown table", "zero density"),
+    *("truth for a number", "Poisson's ratio", "Poisson's ratio of -1", "unknown area"),
+    *("a name that is a number", "repeats", "fit as a value"),
+]
+RESULTS = [
+    *("fits: []", "data velocity: {}", "data restitution 2: -0.5"),
+    *("rms: 1.0", "rms: True", "confidence: 5", "n: 2.5", "another format"),
+]
+
+
+@pytest.fixture(scope="module")
+def schemas(tmp_path_factory):
+    """Validators of both schemas, as the command writes them."""
+    out = tmp_path_factory.mktemp("schemas")
+    assert run("doctor", "--schema", out)[0] == 0
+    tables = {path.name: json.loads(path.read_text("utf-8")) for path in out.iterdir()}
+    assert set(tables) == {"material_file.schema.json", "fit.schema.json"}
+    for table in tables.values():
+        jsonschema.Draft202012Validator.check_schema(table)
+    return {name: jsonschema.Draft202012Validator(table) for name, table in tables.items()}
+
+
+SAID = "[fit]\nlaw = 'zhou'\nconfidence = 0.9\n[parameters]\nsigma = { bounds = [0, 1] }\nxi = 1\n"
+
+
+@pytest.mark.parametrize("text", [TOML, TOML + WALL, SAID + TOML.replace("0.0127", '"12.7 mm"')])
+def test_material_files_that_are_read_are_valid(text, schemas, tmp_path):
+    assert schemas["material_file.schema.json"].is_valid(tomllib.loads(text))
+    assert len(cal.read_problem(written(tmp_path, text, CSV)).datasets) == 1
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_material_files_that_are_not_valid_are_refused(name, schemas, tmp_path):
+    text = CASES["TOML files", name][2]
+    assert not schemas["material_file.schema.json"].is_valid(tomllib.loads(text))
+    assert refusal("TOML files", name, tmp_path) is not None
+
+
+def test_a_result_is_valid(schemas):
+    schemas["fit.schema.json"].validate(genuine())
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_results_that_are_not_valid_are_refused(name, schemas, tmp_path):
+    _, _, place, value = CASES["results", name]
+    way = [int(part) if part.isdigit() else part for part in place.split(".")]
+    assert not schemas["fit.schema.json"].is_valid(changed(genuine(), way, value))
+    assert refusal("results", name, tmp_path) is not None
