@@ -68,9 +68,7 @@ def test_the_line_of_eq_18_has_larger_residuals_and_is_found_by_levenberg_and_ma
     assert stage.gradient_norm < 1e-6
 
 
-def test_the_file_has_the_layout_of_the_interface_loads_back_equal_and_is_the_same_by_a_seed(
-    result, tmp_path
-):
+def test_the_file_has_the_layout_of_the_interface_and_loads_back_equal(result, tmp_path):
     table = json.loads(result.to_json())
     assert {"fits", "unloading_line", "settings", "versions"} <= set(table)
     first = table["fits"][0]
@@ -95,12 +93,6 @@ def test_the_file_has_the_layout_of_the_interface_loads_back_equal_and_is_the_sa
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(RMS["nylon"], rel=1e-3)
     bands = [one.band(velocity, "nylon", kind="prediction") for one in (result, again)]
     np.testing.assert_allclose(bands[1].high, bands[0].high, rtol=1e-12)
-    data = cal.paper_materials()[1]
-    one, two = (cal.fit(data, **QUICK | {"starts": 3, "seed": 0}) for _ in range(2))
-    assert one.to_json(times=False) == two.to_json(times=False)
-    text = str(result)
-    for part in ("stainless steel", "χ̃", "1.79", "Eq. (18)", "converged", "model-misfit"):
-        assert part in text
 
 
 def own_eq_17(data):
