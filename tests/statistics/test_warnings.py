@@ -307,7 +307,7 @@ def with_runs(count):
 
 @pytest.mark.parametrize("order", [(7, 5, 8, 2, 4, 6, 3, 1), (8, 7, 6, 4, 1, 3, 2, 5)])
 def test_which_way_the_scatter_goes_is_said_and_one_velocity_shows_no_slope(order):
-    """Spearman's correlation of sizes in pairs, as SciPy has it; told where its P is below 0.005."""
+    """Spearman's correlation of sizes in pairs, as SciPy has it; raised below P = 0.005."""
     size = np.repeat(np.array(order, float), 2)
     result = constant(size * alternating(16))
     expected = stats.spearmanr(np.arange(16), size)
