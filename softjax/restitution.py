@@ -153,7 +153,7 @@ def restitution(
     check_law(law)
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
-    parameters = law, as_argument(route), None
+    parameters = law, as_argument(route), None  # no impact is held elastic
     parts = batched(collisions, parameters, velocity, results, "overlaps" if overlaps else None)
     (law, velocity, route), each = _kept((law, velocity, route))
     return Restitution(law, velocity, *parts, route, each)

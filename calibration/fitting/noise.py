@@ -2,7 +2,8 @@
 
 A further family is a class with the methods of `Normal`, smooth at r = 0, an entry of `FAMILIES` and the
 same word in `FitOptions.noise`. Its fields are numbers of its own, set by `FitOptions.noise_<field>`; one that
-can be estimated is an entry of `NUMBERS`. All but `Normal` are for independent errors.
+can be estimated is an entry of `NUMBERS`. All but `Normal` are for independent errors. Prediction bands and
+`far_from_stated` take quantiles of t with its `dof`; `uncertainty` has errors of variances as of that many residuals.
 
 Methods with `xp` work for NumPy and for jax.numpy; the others are for searches, in NumPy.
 """

@@ -3,11 +3,15 @@
 The way of one call, `sj.restitution(law, velocity, route)`:
 
     batching.batched           pads or cuts the batch; compiles, for its shapes and static fields,
-      collisions               this file: `prepare`, a collision of each impact, `results` of it
+      collisions               this file: `prepare`, a collision of each impact, `results` with ε and the status
         route.collide          takes `law.reduced_at(velocity)`: forces and velocities without units
           in_closed_form       of arrays, where the law knows its peak, release and work; else one impact by
-          over_impacts         one `vmap`, in rows: `by_quadrature`, `rate_independent` or `rate_dependent`
-            outcome.assemble   makes a `Collision` of the `Peak`, the `UnloadingEnd` and the `Rebound`
+          over_impacts         one `vmap`, in rows; the ODE's derivatives are taken here. One impact is
+            by_quadrature      of a rate-independent law by its works, or by its motion
+            rate_independent   loading by `encke` or stages in `phase`, unloading by `falls`; with damping
+            rate_dependent     both in `phase`
+              bridge.solve     steps by diffrax's methods
+            outcome.assemble   makes a `Collision`, flags included, of `Peak`, `UnloadingEnd` and `Rebound`
 
 `collide` gives histories the same way, by `history._history`; `duration` and `peak_force` are computed when used.
 """
@@ -76,11 +80,11 @@ class Impact(eqx.Module):
     elastic: Flags
 
 
-def prepare(law: ContactLaw, velocity: Numbers, branch: Flags | None = None) -> Impact:
+def prepare(law: ContactLaw, velocity: Numbers, held: Flags | None = None) -> Impact:
     """The impacts, each on its branch.
 
     Args:
-        branch: True where an impact is to be taken for elastic, False where for yielding, wherever
+        held: True where an impact is to be taken for elastic, False where for yielding, wherever
             its velocity is, of laws that have both; None: as the law has it.
     """
     law_valid = law.is_valid()
@@ -97,8 +101,8 @@ def prepare(law: ContactLaw, velocity: Numbers, branch: Flags | None = None) -> 
     # not y <= 1: a quotient may be compiled into a product that rounds otherwise
     limit = law.elastic_velocity()
     elastic = velocity <= limit
-    if branch is not None:
-        elastic = jnp.where((limit > 0) & jnp.isfinite(limit), branch, elastic)
+    if held is not None:
+        elastic = jnp.where((limit > 0) & jnp.isfinite(limit), held, elastic)
     # an impact that is held on the yielding branch below yield is taken at yield
     least = jnp.where(elastic, 0.0, jnp.maximum(limit - velocity, 0.0))
     acting = jnp.where(elastic, some, velocity + jax.lax.stop_gradient(least))
@@ -133,11 +137,11 @@ def collisions(parameters, velocity, output: Callable, requested: str | None):
     """`output(impact, collision, requested)`: elastic impacts by a power law, others by the route; in SI.
 
     Args:
-        parameters: law, route and branch (see `prepare`).
+        parameters: law, route and what is held elastic (see `prepare`).
         requested: "overlaps", "duration", "force" or None.
     """
-    law, route, branch = parameters
-    impact = prepare(law, velocity, branch)
+    law, route, held = parameters
+    impact = prepare(law, velocity, held)
     law = impact.law
     clock, force = requested == "duration", requested == "force"
     if isinstance(law, RateIndependentLaw) and law.never_yields:
