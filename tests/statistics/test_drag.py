@@ -7,7 +7,7 @@ from scipy import stats
 
 import calibration as cal
 import softjax as sj
-from tests.data.test_air import ball_of, flight
+from tests.data.test_air import flight
 
 U, N = 0.004, 40
 BALL = {"diameter": 6e-3, "density": 1140.0}
@@ -60,9 +60,9 @@ def test_drag_moves_the_velocity_that_other_observables_are_compared_at():
     """Falls of a 3 mm ball with 5 % more and less drag, integrated: Hertz's times go with v^-1/5, forces rise with v."""
     drop, radius = np.geomspace(0.2, 2.0, 12), 1.5e-3
     contact = sj.Contact.with_wall(sj.NYLON, sj.STAINLESS_STEEL, radius)
-    ball = ball_of(2 * radius, BALL["density"])
+    ball = 2 * radius, BALL["density"]
     slow, plain, fast = (
-        np.array([flight(ball, height=h, factor=1 + c)[1] for h in drop])
+        np.array([flight(*ball, height=h, factor=1 + c)[1] for h in drop])
         for c in (0.05, 0.0, -0.05)
     )
     slower, hit, faster = (sj.restitution(sj.Hertz(contact), v) for v in (slow, plain, fast))
@@ -85,9 +85,9 @@ def test_drag_moves_the_velocity_that_other_observables_are_compared_at():
 @pytest.mark.parametrize(("factor", "is_raised"), [(1.5, True), (1.2, False)])
 def test_a_drag_far_from_the_one_that_is_known_is_a_warning(factor, is_raised):
     """c within ± 0.1 is known of spheres: that of a 6 mm ball with more drag is found from its drops."""
-    ball, drop = ball_of(6e-3, BALL["density"]), np.geomspace(0.05, 4.0, 12)
-    fall = [flight(ball, height=h, factor=factor)[1] for h in drop]
-    rise = [flight(ball, speed=0.85 * v, factor=factor)[1] for v in fall]
+    ball, drop = tuple(BALL.values()), np.geomspace(0.05, 4.0, 12)
+    fall = [flight(*ball, height=h, factor=factor)[1] for h in drop]
+    rise = [flight(*ball, speed=0.85 * v, factor=factor)[1] for v in fall]
     table = {"drop_height": drop, "rebound_height": rise}
     data = cal.RestitutionData.from_table(table, uncertainty=5e-4, **BALL)
     result = cal.fit(data, "constant", **QUICK)
