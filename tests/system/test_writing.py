@@ -24,16 +24,18 @@ CURVE = ["curve", *CONSTANT, "--points", 20]
 @contextlib.contextmanager
 def files_of_at_most(size):
     """No file grows beyond so many bytes, as on a full disk; caches of JAX and Python are left alone."""
+    least = "jax_persistent_cache_min_compile_time_secs"
+    before = getattr(jax.config, least)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "dont_write_bytecode", True)
-        jax.config.update("jax_enable_compilation_cache", False)
+        jax.config.update(least, 1e9)
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
         try:
             yield
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-            jax.config.update("jax_enable_compilation_cache", True)
+            jax.config.update(least, before)
 
 
 @pytest.mark.parametrize("most", [500, 20_000])
