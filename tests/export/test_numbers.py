@@ -1,20 +1,199 @@
-"""Numbers written for LAMMPS, LIGGGHTS and YADE, read back and integrated by their contact models."""
+"""Numbers written for LAMMPS, LIGGGHTS and YADE, read back and integrated by the contact models of their manuals.
 
+Each reader returns the force F(δ, δ') [N] of a damped model, or (k1, k2(δ_max)) of a spring that
+unloads along k2; `rebound` integrates it by SciPy. Nothing here knows the writer's formulas.
+"""
+
+import ast
 import json
 import math
+import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import softjax as sj
 from tests.cases import RADIUS
-from tests.export import codes
 from tests.export.laws import MASS, PAIR, STEEL, VELOCITIES
 
+EFFECTIVE = float(PAIR.radius)  # [m]
+
+
+def rebound(force: Callable, velocity: float, mass: float = MASS) -> float:
+    """ε of an impact: M δ'' = -F until δ = 0; a force does not pull."""
+    length, time = velocity * 1e-4, 1e-4
+
+    def motion(_, state):
+        overlap, rate = state[0] * length, state[1] * velocity
+        return state[1], -max(force(max(overlap, 0.0), rate), 0.0) * time / (mass * velocity)
+
+    def parted(_, state):
+        return state[0]
+
+    parted.terminal, parted.direction = True, -1
+    options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-13, "max_step": 0.1}
+    solution = solve_ivp(motion, (0.0, 50.0), [0.0, 1.0], events=parted, **options)
+    assert solution.t_events[0].size
+    return -float(solution.y[1, -1])
+
+
+def spring_rebound(k1: float, k2: Callable, velocity: float, mass: float = MASS) -> float:
+    """ε² = k1/k2 at the largest overlap v √(M/k1)."""
+    return math.sqrt(k1 / k2(velocity * math.sqrt(mass / k1)))
+
+
+def lines_of(text: str) -> list[str]:
+    """Lines of a script that act."""
+    return [line.partition("#")[0].strip() for line in text.splitlines() if line.partition("#")[0]]
+
+
+def time_step(text: str) -> float:
+    (number,) = re.findall(r"^(?:timestep|time_step =) (\S+)$", text, re.M)
+    return float(number)
+
+
+def ratio(restitution: float) -> float:
+    """-ln e/√(π² + ln² e)."""
+    return -math.log(restitution) / math.hypot(math.pi, math.log(restitution))
+
+
+def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = EFFECTIVE) -> Callable:
+    """`pair_style granular`: hooke F = k δ, hertz F = k √R δ^{3/2}, less η δ' by the damping model.
+
+    viscoelastic: η = η0 a M, a = √(R δ); coeff_restitution: 2 ξ √(M k) of hooke, √(5/6) 2 ξ √(M S),
+    S = 3/2 k a, of hertz. `limit_damping`: no attraction.
+    """
+    assert "pair_style granular" in lines_of(text)
+    start = f"pair_coeff {types} "
+    (coefficients,) = (line for line in lines_of(text) if line.startswith(start))
+    model, *words = coefficients.removeprefix(start).split()
+    k, damping = float(words[0]), float(words[1])
+    assert words[2:7] == ["tangential", "linear_nohistory", "0.0", "0.0", "damping"]
+    kind, limited = words[7], words[8:]
+    assert limited == ["limit_damping"]
+    hertz = {"hertz": True, "hooke": False}[model]
+
+    def force(overlap, rate):
+        touch = math.sqrt(radius * overlap) if hertz else 1.0
+        eta = {
+            "viscoelastic": lambda: damping * touch * mass,
+            "coeff_restitution": lambda: (
+                2 * ratio(damping) * math.sqrt(mass * k * touch * (1.25 if hertz else 1.0))
+            ),
+        }[kind]()
+        return k * touch * overlap + eta * rate
+
+    return force
+
+
+def liggghts_numbers(text: str) -> tuple[str, dict[str, float]]:
+    """The model and the properties of one type of atoms."""
+    numbers = {}
+    kinds = r"(peratomtypepair 1|peratomtype|scalar)"
+    for line in lines_of(text):
+        setting = re.fullmatch(rf"fix \S+ all property/global (\S+) {kinds} (\S+)", line)
+        if setting:
+            numbers[setting[1]] = float(setting[3])
+    (model,) = (line for line in lines_of(text) if line.startswith("pair_style gran model "))
+    return model.removeprefix("pair_style gran model "), numbers
+
+
+def effective_modulus(young: float, poisson: float) -> float:
+    """Y* of two like bodies [Pa]."""
+    return young / (2 * (1 - poisson**2))
+
+
+def liggghts_force(text: str, mass: float = MASS) -> Callable:
+    """`gran`: hooke/stiffness F = k δ + γ M δ'; hertz F = 4/3 Y* √(R δ) δ + 2 √(5/6) β √(S M) δ',
+
+    S = 2 Y* √(R δ), β as `ratio`; `limitForce on`: no attraction.
+    """
+    model, numbers = liggghts_numbers(text)
+    assert model.endswith("limitForce on")
+    modulus = effective_modulus(numbers["youngsModulus"], numbers["poissonsRatio"])
+    assert numbers["coefficientFriction"] == 0
+    if model.startswith("hooke/stiffness"):
+        return lambda overlap, rate: numbers["kn"] * overlap + numbers["gamman"] * mass * rate
+    assert model.startswith("hertz ")
+    beta = ratio(numbers["coefficientRestitution"])
+
+    def force(overlap, rate):
+        touch = math.sqrt(EFFECTIVE * overlap)
+        dashpot = 2 * math.sqrt(5 / 6) * beta * math.sqrt(2 * modulus * touch * mass)
+        return 4 / 3 * modulus * touch * overlap + dashpot * rate
+
+    return force
+
+
+def luding(k1: float, most: float, depth: float) -> Callable:
+    """k2 = k1 + (k_p - k1) δ_max/δ_lim, δ_lim = k_p/(k_p - k1) Φ 2R, and k_p beyond."""
+    limit = most / (most - k1) * depth * 2 * EFFECTIVE
+    return lambda peak: k1 + (most - k1) * min(peak / limit, 1.0)
+
+
+def liggghts_spring(text: str, mass: float = MASS) -> tuple[float, Callable]:
+    """`hooke/hysteresis`: k1 = 16/15 √R Y* [15 M V²/(16 √R Y*)]^{1/5} of the characteristic V."""
+    model, numbers = liggghts_numbers(text)
+    assert model == "hooke/hysteresis"
+    assert numbers["coefficientRestitution"] == 1.0
+    assert numbers["coefficientAdhesionStiffness"] == numbers["coefficientFriction"] == 0.0
+    modulus = effective_modulus(numbers["youngsModulus"], numbers["poissonsRatio"])
+    scale = 16 / 15 * math.sqrt(EFFECTIVE) * modulus
+    k1 = scale * (mass * numbers["characteristicVelocity"] ** 2 / scale) ** 0.2
+    most = k1 * numbers["coefficientMaxElasticStiffness"]
+    return k1, luding(k1, most, numbers["coefficientPlasticityDepth"])
+
+
+def yade_calls(text: str) -> dict[str, dict[str, float]]:
+    """Numbers that are given by keyword, by the name of what is called."""
+    calls = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call)]
+    calls_by_name = {}
+    for call in calls:
+        numbers = {}
+        for keyword in call.keywords:
+            value = keyword.value
+            if isinstance(value, ast.Call):  # MatchMaker(algo='val', val=…)
+                value = next(inner.value for inner in value.keywords if inner.arg == "val")
+            if isinstance(value, ast.Constant):
+                numbers[keyword.arg] = value.value
+        calls_by_name[getattr(call.func, "id", "")] = numbers
+    return calls_by_name
+
+
+def yade_force(text: str, mass: float = MASS) -> Callable:
+    """ViscElMat: kn and cn of two bodies in series; MindlinPhys: F = 4/3 E √R δ^{3/2} + c δ',
+
+    c = 2 betan √(M kn), kn = 2 E √(R δ). No attraction in either.
+    """
+    calls = yade_calls(text)
+    if "ViscElMat" in calls:
+        material = calls["ViscElMat"]
+        assert material["ks"] == material["cs"] == material["frictionAngle"] == 0
+        return lambda overlap, rate: material["kn"] / 2 * overlap + material["cn"] / 2 * rate
+    material, physics = calls["FrictMat"], calls["Ip2_FrictMat_FrictMat_MindlinPhys"]
+    assert material["frictionAngle"] == physics["betas"] == 0
+    modulus = effective_modulus(material["young"], material["poisson"])
+
+    def force(overlap, rate):
+        touch = math.sqrt(EFFECTIVE * overlap)
+        dashpot = 2 * physics["betan"] * math.sqrt(mass * 2 * modulus * touch)
+        return 4 / 3 * modulus * touch * overlap + dashpot * rate
+
+    return force
+
+
+def yade_spring(text: str) -> tuple[float, Callable]:
+    material = yade_calls(text)["LudingMat"]
+    assert material["kc"] == material["ks"] == material["G0"] == material["frictionAngle"] == 0
+    return material["k1"], luding(material["k1"], material["kp"], material["PhiF"])
+
+
 FILES = {"lammps": "in.softjax", "liggghts": "in.softjax", "yade": "softjax_yade.py"}
-READERS = {"lammps": codes.lammps_force, "liggghts": codes.liggghts_force, "yade": codes.yade_force}
-SPRINGS = {"liggghts": codes.liggghts_spring, "yade": codes.yade_spring}
+READERS = {"lammps": lammps_force, "liggghts": liggghts_force, "yade": yade_force}
+SPRINGS = {"liggghts": liggghts_spring, "yade": yade_spring}
 SOFT = {"overlap": 0.05, "radius": RADIUS}
 DASHPOTS = [
     ("lammps", "linear", SOFT),
@@ -46,14 +225,14 @@ def test_a_dashpot_gives_the_stated_restitution(code, law, options, exported):
     _, folder = exported(STEEL, code, law=law, tolerance=0.1, steps=400, **options)
     text, report = read(folder, code)
     force = READERS[code](text)
-    assert codes.time_step(text) == report["time_step"]
+    assert time_step(text) == report["time_step"]
     for velocity in VELOCITIES:
-        found = codes.rebound(force, velocity)
+        found = rebound(force, velocity)
         assert found == pytest.approx(at(report, velocity), abs=1e-6)
         expected = float(sj.restitution(STEEL, velocity).coefficient)
         assert abs(found - expected) < (0.0225 if law == "viscoelastic" else 0.068)
     # damping for one mass alone is said to be so: by the code's model with the double mass
-    one, other = (codes.rebound(READERS[code](text, m), 1.0, m) for m in (MASS, 2 * MASS))
+    one, other = (rebound(READERS[code](text, m), 1.0, m) for m in (MASS, 2 * MASS))
     assert (abs(one - other) > 1e-3) == ((code, law) in OF_MASS)
     assert ("Its damping is for that mass" in text) == ((code, law) in OF_MASS)
     # ½ k δ² = ½ M v² at Zhou's largest overlap, or Hertz's k; softer by the square, by μ^{5/2}
@@ -77,7 +256,7 @@ def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported
     text, report = read(folder, code)
     k1, k2 = SPRINGS[code](text)
     for velocity in VELOCITIES:
-        found = codes.spring_rebound(k1, k2, velocity)
+        found = spring_rebound(k1, k2, velocity)
         assert found == pytest.approx(at(report, velocity), abs=1e-6)
         expected = float(sj.restitution(law, velocity).coefficient)
         assert abs(found - expected) < (0.075 if source == "steel" else 1e-6)
@@ -105,9 +284,9 @@ def test_sizes_that_are_named_have_a_line_for_each_pair(exported):
     for i, j in ((1, 1), (1, 2), (2, 2)):
         contact = sj.Contact.between_spheres(steel, steel, radii[i - 1], radii[j - 1])
         mass, radius = float(contact.mass), float(contact.radius)
-        force = codes.lammps_force(text, mass, f"{i} {j}", radius)
+        force = lammps_force(text, mass, f"{i} {j}", radius)
         expected = sj.restitution(sj.ViscoelasticHertz(contact, 2e-6), 1.0).coefficient
-        assert codes.rebound(force, 1.0, mass) == pytest.approx(float(expected), abs=1e-6)
+        assert rebound(force, 1.0, mass) == pytest.approx(float(expected), abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -122,10 +301,10 @@ def test_the_line_of_a_wall_has_the_same_numbers_and_acts_where_a_wall_was_measu
     options = {"law": law, "tolerance": 0.1, "steps": 400}
     _, folder = exported(source, code, on_wall=True, **options)
     text, _ = read(folder, code)
-    (wall,) = (line for line in codes.lines_of(text) if line.startswith("fix softjax_wall all "))
+    (wall,) = (line for line in lines_of(text) if line.startswith("fix softjax_wall all "))
     assert "zplane 0.0" in wall
     if code == "lammps":
-        assert not any(line.startswith("pair_") for line in codes.lines_of(text))
+        assert not any(line.startswith("pair_") for line in lines_of(text))
         (pair,) = (line for line in text.splitlines() if line.startswith("# pair_coeff * * "))
         assert pair.removeprefix("# pair_coeff * * ") in wall
     else:
@@ -134,6 +313,6 @@ def test_the_line_of_a_wall_has_the_same_numbers_and_acts_where_a_wall_was_measu
     assert "of a ball on a flat wall" in text
     _, folder = exported(source, code, on_wall=False, **options)
     text, _ = read(folder, code)
-    assert not any("wall" in line for line in codes.lines_of(text))
+    assert not any("wall" in line for line in lines_of(text))
     assert "# fix ID group wall/gran " in text
     assert "# between two balls, as requested:\n" in text

@@ -1,17 +1,23 @@
-"""What cannot be written: one line, exit code 3, older files as they were, and results still printed."""
+"""What cannot be written, and signals: one line, the exit code, older files as they were, and results still printed."""
 
 import contextlib
+import gc
+import io
 import json
 import os
 import resource
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import jax
-import matplotlib.figure
 import numpy as np
 import pytest
 import scipy.linalg
+from matplotlib.figure import Figure
 
 import calibration as cal
 from tests.command import run, write_alloy
@@ -203,9 +209,92 @@ def test_what_fails_inside_a_fit_is_not_told_as_the_users_input(kind, quick, tmp
 
 def test_a_file_of_a_library_that_is_missing_is_no_want_of_space(tmp_path, monkeypatch):
     missing = FileNotFoundError(2, "No such file or directory", "/usr/share/fonts/none.ttf")
-    monkeypatch.setattr(matplotlib.figure.Figure, "savefig", raising(missing))
+    monkeypatch.setattr(Figure, "savefig", raising(missing))
     code, _, error = run("--no-cache", *CURVE, "--out", tmp_path / "results")
     assert code == 70
     assert "/usr/share/fonts/none.ttf" in error
     assert error.endswith(INTERNAL)
     assert not (tmp_path / "results").exists()
+
+
+CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
+
+
+def unheard(*_):
+    raise AssertionError("the command does not handle the signal")
+
+
+@pytest.fixture
+def signalled(at, monkeypatch):
+    """What a command says that is sent a signal while it reads its velocities, in a folder with older results."""
+    (at / "results").mkdir()
+    (at / "results" / "curve.csv").write_text("old")
+
+    def said(number, handler, send=signal.raise_signal):
+        class Input(io.BytesIO):
+            def read(self, *size):
+                send(number)
+                return super().read(*size)
+
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=Input(b"velocity\n1.0\n2.0\n")))
+        inherited = signal.signal(number, handler)  # tests in the background ignore SIGINT
+        words = ("--velocities", "-", "--format", "csv", "--out", "results", "--quiet")
+        try:
+            result = run("--no-cache", "curve", *CONSTANT, *words)
+            assert signal.getsignal(number) is handler
+        finally:
+            signal.signal(number, inherited)
+        return result
+
+    return said
+
+
+@pytest.mark.parametrize("number", CODES)
+def test_a_command_that_is_stopped_leaves_what_was_there(number, signalled, at):
+    line = "softjax: interrupted, nothing written\n"
+    assert signalled(number, unheard) == (CODES[number], "", line)
+    assert [path.name for path in at.rglob("*")] == ["results", "curve.csv"]
+    assert (at / "results" / "curve.csv").read_text() == "old"
+
+
+def while_collecting(number):
+    """Send a signal during a garbage collection, whose callbacks swallow what is raised in them, and wait."""
+
+    def callback(*_):
+        gc.callbacks.remove(callback)
+        signal.raise_signal(number)
+
+    gc.callbacks.append(callback)
+    gc.collect()
+    time.sleep(5)
+
+
+def test_a_signal_that_garbage_collection_swallowed_stops_a_command(signalled, at):
+    line = "softjax: interrupted, nothing written\n"
+    assert signalled(signal.SIGTERM, unheard, while_collecting) == (143, "", line)
+
+
+def test_an_ignored_hangup_stays_ignored(signalled, at):
+    assert signalled(signal.SIGHUP, signal.SIG_IGN) == (0, "", "")
+    assert len((at / "results" / "curve.csv").read_text().splitlines()) == 3
+
+
+def test_a_reader_that_has_gone_is_no_error():
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([*COMMAND, "--help"], stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_what_is_not_in_its_place_yet_is_not_written(quick, tmp_path, monkeypatch):
+    """Stopped while a picture is drawn, when other files of the report are ready in a folder of their own."""
+
+    def save(figure, path, **_):
+        assert (Path(path).parent / "fit.json").exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Figure, "savefig", save)
+    code, _, error = run("fit", quick, "--out", tmp_path / "results", "--no-cache", "--quiet")
+    assert (code, error) == (130, "softjax: interrupted, nothing written\n")
+    assert os.listdir(tmp_path) == []
