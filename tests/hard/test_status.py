@@ -115,6 +115,7 @@ def test_a_formula_that_gives_no_number_or_too_much():
     assert found.coefficient[1] == 0
     known = sj.restitution(Known(STEEL, np.array([1.0, 1.0 + 1e-9])), 1.0)
     assert list(known.status) == [sj.Status.PLAIN, GAIN]
+    assert known.route == sj.ClosedForm()
     overflow = sj.restitution(Known(STEEL, 1e200), 1e200)
     assert (overflow.coefficient, overflow.status) == (0, FAILED)
 
