@@ -32,31 +32,26 @@ def compiled():
     jax.monitoring.unregister_event_duration_listener(listen)
 
 
-def everything(law, velocity, route):
-    result = sj.restitution(law, velocity, route=route)
+def everything(law, velocity, route=None):
+    result = sj.restitution(law, velocity, route)
     return result.coefficient, result.duration, result.ok
 
 
-@pytest.mark.parametrize(
-    "route",
-    [None, sj.ODE(steps=2), pytest.param(sj.ODE(), marks=pytest.mark.long)],
-    ids=["energy", "steps", "ode"],
-)
-def test_the_same_shapes_compile_once(compiled, route):
+def test_the_same_shapes_compile_once(compiled):
     """Other numbers, velocities and materials; batches of up to 16 share one program, 17 need another."""
     velocity = np.linspace(1.0, 20.0, 7)
-    everything(sj.Thornton(NYLON), velocity, route)
+    everything(sj.Thornton(NYLON), velocity)
     assert compiled
     compiled.clear()
     for chi in (0.3, 0.4, 0.5):
-        everything(sj.Thornton(NYLON, chi), velocity + chi, route)
-        everything(sj.Thornton(pair("stainless steel"), chi), velocity[::-1], route)
-        everything(sj.Thornton(NYLON), velocity * 10.0 ** -np.arange(7.0), route)  # some elastic
+        everything(sj.Thornton(NYLON, chi), velocity + chi)
+        everything(sj.Thornton(pair("stainless steel"), chi), velocity[::-1])
+        everything(sj.Thornton(NYLON), velocity * 10.0 ** -np.arange(7.0))  # some elastic
     for count in (2, 5, 16):  # `ok` compares for each
-        everything(sj.Thornton(NYLON), np.linspace(1.0, 20.0, count), route)
+        everything(sj.Thornton(NYLON), np.linspace(1.0, 20.0, count))
     assert set(compiled) <= {"jit(equal)", "jit(bitwise_or)"}
     compiled.clear()
-    everything(sj.Thornton(NYLON), np.linspace(1.0, 20.0, 17), route)
+    everything(sj.Thornton(NYLON), np.linspace(1.0, 20.0, 17))
     large = [name for name in compiled if name not in ("jit(equal)", "jit(bitwise_or)")]
     assert len(large) >= 2, compiled  # the value's and the duration's, so that the count can count
 
@@ -67,6 +62,7 @@ def test_another_tolerance_is_no_other_program(compiled):
     law = sj.ViscoelasticHertz(pair("nylon", "zhou"), 1e-5)
     found = {}
     for rtol in (1e-12, 1e-6, 1e-9):
+        everything(law, velocity / 2, sj.ODE(rtol=rtol))
         found[rtol] = everything(law, velocity, sj.ODE(rtol=rtol))
         before = len(compiled)
         compiled.clear()
@@ -95,13 +91,11 @@ def test_a_traced_tolerance(compiled):
     loose, _ = of(sj.ODE(rtol=1e-6))
     assert compiled == []
     at_once = jax.vmap(by)(np.array([1e-12, 1e-6, np.nan]))
-    for found in (loose, jax.tree.map(lambda x: x[1], at_once)):
-        assert np.allclose(found.coefficient, by(1e-6).coefficient, rtol=0, atol=1e-14)
-        assert 1e-9 < np.max(np.abs(found.coefficient - exact.coefficient)) < 1e-5
+    assert np.allclose(at_once.coefficient[1], loose.coefficient, rtol=0, atol=1e-14)
+    assert 1e-9 < np.max(np.abs(loose.coefficient - exact.coefficient)) < 1e-5
     assert np.allclose(strict.coefficient, exact.coefficient, rtol=0, atol=1e-12)
     assert np.allclose(lasts, exact.duration, rtol=1e-11, atol=0)
     assert np.all(at_once.status[2] == sj.Status.SOLVER_FAILED)
-    assert jax.grad(lambda rtol: by(rtol).coefficient.sum())(1e-6) == 0
 
 
 def test_a_history_compiles_one_program(compiled):

@@ -9,25 +9,13 @@ import jax.numpy as jnp
 import ml_dtypes
 import numpy as np
 import pytest
-from jax.extend.core import ClosedJaxpr, Jaxpr
 
 import softjax as sj
 from tests.cases import pair
+from tests.hard.test_float32 import equations
 
 PAIR = pair("nylon")
 HIGHEST = jax.lax.Precision.HIGHEST
-
-
-def products(program):
-    """The precision of each matrix product in a program, those within its parts too."""
-    for equation in program.eqns:
-        if equation.primitive.name == "dot_general":
-            yield equation.params["precision"]
-        for part in jax.tree.leaves(
-            list(equation.params.values()), is_leaf=lambda x: isinstance(x, Jaxpr | ClosedJaxpr)
-        ):
-            if isinstance(part, Jaxpr | ClosedJaxpr):
-                yield from products(getattr(part, "jaxpr", part))
 
 
 class Cone(sj.RateIndependentLaw):
@@ -59,7 +47,8 @@ def trace():
     for call, law in values + IN_TIME:
         slopes = jax.jacfwd if (call, law) in values else lambda f: f  # traced for ten seconds
         program = jax.make_jaxpr(slopes(CALLS[call]))(LAWS[law], jnp.asarray([0.1, 1.0]))
-        found = list(products(program.jaxpr))
+        every = equations(program.jaxpr)
+        found = [e.params["precision"] for e in every if e.primitive.name == "dot_general"]
         assert set(found) <= {(HIGHEST, HIGHEST), HIGHEST}, (call, law)
         assert found or (call, law) != ("duration", "first-order")  # what is looked for is there
 
