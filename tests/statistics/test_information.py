@@ -32,12 +32,6 @@ def rows(v, level=0.85, rate=0.04):
     return np.stack([value, -rate * np.asarray(v) * value], axis=-1)
 
 
-def known(result):
-    """A fit's own information on ln θ."""
-    unit = np.array([result.values[name] for name in result.covariance_names])
-    return np.linalg.inv(result.covariance / np.outer(unit, unit))
-
-
 def test_each_impact_counts_with_its_own_uncertainty_and_a_prior_as_one_more():
     v, u = np.linspace(1.0, 9.0, 9), np.linspace(0.01, 0.05, 9)
     slopes = rows(v) / u[:, None]
@@ -54,20 +48,18 @@ def test_each_impact_counts_with_its_own_uncertainty_and_a_prior_as_one_more():
     assert with_prior.standard_errors["level"] == pytest.approx(0.85 * expected, rel=1e-9)
 
 
-def moved(name: str, factor: float) -> sj.Zhou:
-    stem, _, leaf = name.rpartition(".")
-    if not stem:
-        return replace(LAW, **{leaf: getattr(LAW, leaf) * factor})
-    contact = replace(LAW.contact, **{leaf: getattr(LAW.contact, leaf) * factor})
-    return replace(LAW, contact=contact)
-
-
 def by_differences(names, v, u):
     """J/u of ε by ln θ."""
     h, slopes = 1e-6, []
+
+    def coefficient(name, factor):
+        owner = LAW.contact if name.startswith("contact.") else LAW
+        leaf = name.removeprefix("contact.")
+        one = replace(owner, **{leaf: getattr(owner, leaf) * factor})
+        return sj.restitution(one if owner is LAW else replace(LAW, contact=one), v).coefficient
+
     for name in names:
-        values = [sj.restitution(moved(name, 1 + s), v).coefficient for s in (h, -h)]
-        slopes.append(np.asarray(values[0] - values[1]) / (2 * h) / u)
+        slopes.append(np.subtract(*(coefficient(name, 1 + s) for s in (h, -h))) / (2 * h) / u)
     return np.array(slopes)
 
 
@@ -187,20 +179,16 @@ def test_of_a_fit_without_further_shots_it_is_the_fits_own_covariance(case):
         assert found.taken_as_known[0].startswith("idle is not determined")
 
 
-def specimens(seed=3, groups=6, each=5, more=()):
-    """Impacts of each specimen around a velocity of its own; further ones of new specimens."""
-    random = np.random.default_rng(seed)
-    label = np.append(np.repeat(np.arange(groups), each), groups + np.arange(len(more)))
-    v = np.append(np.linspace(1.0, 12.0, groups * each), more)
-    e = curve(v) + 0.02 * random.standard_normal(groups + len(more))[label]
-    e += 0.01 * random.standard_normal(len(v))
-    return cal.RestitutionData(v, e, group=[f"s{k}" for k in label])
-
-
 def test_further_shots_are_of_specimens_of_their_own():
     """They add to what the fit knows, with scatter and the offset of another group."""
-    result, v = cal.fit(specimens(), Decay, **QUICK), np.array([3.0, 20.0, 20.0])
-    before, variance = known(result), sum(result.materials[0].variances.values())
+    random, label = np.random.default_rng(3), np.repeat(np.arange(6), 5)
+    at = np.linspace(1.0, 12.0, 30)
+    e = curve(at) + 0.02 * random.standard_normal(6)[label] + 0.01 * random.standard_normal(30)
+    data = cal.RestitutionData(at, e, group=[f"s{k}" for k in label])
+    result, v = cal.fit(data, Decay, **QUICK), np.array([3.0, 20.0, 20.0])
+    unit = np.array([result.values[name] for name in result.covariance_names])
+    before = np.linalg.inv(result.covariance / np.outer(unit, unit))
+    variance = sum(result.materials[0].variances.values())
     slopes = rows(v, result.values["level"], result.values["rate"])
     found = cal.fisher_information(result, v)
     np.testing.assert_allclose(found.matrix, before + slopes.T @ slopes / variance, rtol=1e-6)
