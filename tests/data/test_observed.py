@@ -21,16 +21,15 @@ poisson_ratio = 0.35
 density = 8030
 yield_strength = 3.10e8
 """
+ON_WALL = f"[material.wall]{PROPERTIES}"
 TOML = f"""[[material]]
 name = "a"
 data = "m.csv"{PROPERTIES}"""
 
 
 def test_columns_are_read_in_their_units_with_gaps(read_toml):
-    toml = (
-        TOML + 'radius = 0.005\ndent = "residual"\npeak_force_uncertainty = "3 %"\n[material.wall]'
-    )
-    (data,) = read_toml(toml + PROPERTIES, CSV)
+    toml = f'{TOML}radius = 0.005\ndent = "residual"\npeak_force_uncertainty = "3 %"\n{ON_WALL}'
+    (data,) = read_toml(toml, CSV)
     np.testing.assert_array_equal(data.restitution, [0.8, NAN, 0.7])
     columns = {
         "contact_time": [31e-6, 27e-6, NAN],
@@ -48,9 +47,8 @@ def test_columns_are_read_in_their_units_with_gaps(read_toml):
     assert "1 of peak_force" not in repr(data)
     assert "2 of peak_force, 3 of peak_overlap" in repr(data)
     given = {name: getattr(data, name) for name in columns}
-    same = cal.RestitutionData(
-        data.velocity, data.restitution, data.contact, name="a", dent="residual", **given
-    )
+    arrays = (data.velocity, data.restitution, data.contact)
+    same = cal.RestitutionData(*arrays, name="a", dent="residual", **given)
     for one, other in zip(same.observed, data.observed, strict=True):
         np.testing.assert_equal(vars(one), vars(other))
     assert same != cal.RestitutionData(data.velocity, [0.8, 0.7, 0.7], data.contact, name="a")
@@ -64,22 +62,19 @@ def test_velocities_and_drops_serve_without_a_rebound():
     options = {"height_uncertainty": 1e-3, "diameter": 0.01, "mass": 4e-3}
     fall = READ(table, **options)
     both = READ({**table, "rebound_height": [0.3, NAN, 0.6]}, **options)
+    expected = np.sqrt(2 * 9.80665 * np.array(table["drop_height"]))
     for data in (fall, both):
-        np.testing.assert_allclose(
-            data.velocity, np.sqrt(2 * 9.80665 * np.array(table["drop_height"])), rtol=3e-3
-        )
+        np.testing.assert_allclose(data.velocity, expected, rtol=3e-3)
         assert np.all(data.velocity_uncertainty > 0)
     np.testing.assert_array_equal(np.isnan(both.restitution), [False, True, False])
     np.testing.assert_array_equal(both.velocity, fall.velocity)
     speeds = {"impact_velocity": [1.0, 2.0], "rebound_velocity": [0.8, NAN], "peak_force": [1, 2]}
     np.testing.assert_array_equal(READ(speeds).restitution, [0.8, NAN])
+    stated = [0.775, NAN, 0.775]
     for air in (False, True):  # a restitution that is stated too is missing with its rebound
-        again = READ(
-            {**table, "rebound_height": [0.3, NAN, 0.6], "restitution": [0.775, NAN, 0.775]},
-            air=air,
-            **options,
-        )
-        np.testing.assert_allclose(again.restitution, [0.775, NAN, 0.775], atol=3e-3)
+        columns = {**table, "rebound_height": [0.3, NAN, 0.6], "restitution": stated}
+        again = READ(columns, air=air, **options)
+        np.testing.assert_allclose(again.restitution, stated, atol=3e-3)
     again = READ({**speeds, "restitution": [0.8, NAN]})
     np.testing.assert_array_equal(again.restitution, [0.8, NAN])
     unmeasured = READ({"velocity": [1.0, 2.0], "restitution": [0.8, NAN], "peak_force": [1.0, NAN]})
@@ -121,11 +116,10 @@ def test_sizes_in_the_rows_make_a_contact_for_each(read_toml):
     csv = "velocity [m/s],restitution,{}\n1,0.9,{}\n2,0.8,{}\n"
     radii = np.array([0.005, 0.01])
     mass = 8030 * np.pi / 6 * (2 * radii) ** 3
-    wall = "[material.wall]" + PROPERTIES
     expected = sj.Contact.with_wall(STEEL, STEEL, radii)
     columns = {"diameter [mm]": (10, 20), "radius [cm]": (0.5, 1.0), "mass [g]": 1e3 * mass}
     for header, cells in columns.items():
-        (data,) = read_toml(TOML + wall, csv.format(header, *cells))
+        (data,) = read_toml(TOML + ON_WALL, csv.format(header, *cells))
         for name, leaf in expected.leaves().items():
             np.testing.assert_allclose(getattr(data.contact, name), leaf, rtol=1e-9, err_msg=header)
         np.testing.assert_allclose(data.bodies[0].radius, radii, rtol=1e-9)
@@ -139,10 +133,10 @@ def test_sizes_in_the_rows_make_a_contact_for_each(read_toml):
     same = READ(table, lambda r: sj.Contact.with_wall(STEEL, STEEL, r))
     np.testing.assert_array_equal(same.contact.mass, expected.mass)
     with pytest.raises(ValueError, match="diameter is a column, and the bodies have one size"):
-        read_toml(TOML + "radius = 0.01\n" + wall, csv.format("diameter [mm]", 10, 20))
+        read_toml(TOML + "radius = 0.01\n" + ON_WALL, csv.format("diameter [mm]", 10, 20))
     with pytest.raises(ValueError, match="radius is missing; it must be stated with the bodies"):
-        read_toml(TOML + wall, "velocity,restitution\n1,0.9\n")
+        read_toml(TOML + ON_WALL, "velocity,restitution\n1,0.9\n")
     drops = "drop_height [m],rebound_height [m],diameter [mm]\n0.5,0.3,3\n0.5,0.3,30\n"
-    (data,) = read_toml(TOML + wall, drops)
+    (data,) = read_toml(TOML + ON_WALL, drops)
     small, large = data.velocity
     assert small < large < np.sqrt(2 * 9.80665 * 0.5)

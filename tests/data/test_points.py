@@ -155,10 +155,8 @@ def test_one_gross_error_is_refused_by_its_place(count):
 
 # repeats at one velocity, averaged
 
-REPEATED = {
-    "velocity": [2.0, 1.0, 1.0, 2.0, 1.0, 3.0],
-    "restitution": [0.80, 0.90, 0.92, 0.84, 0.94, 0.70],
-}
+VELOCITIES = [2.0, 1.0, 1.0, 2.0, 1.0, 3.0]
+REPEATED = {"velocity": VELOCITIES, "restitution": [0.80, 0.90, 0.92, 0.84, 0.94, 0.70]}
 POOLED = math.sqrt(0.0016 / 3)  # s² = (2 · 0.02² of three + 0.04²/2 of two) / 3
 
 
@@ -299,8 +297,7 @@ def test_one_uncertainty_of_both_numbers_or_of_one_and_of_a_rebound_of_zero_heig
     table = {"drop_height": [1.0, 1.0], "rebound_height": [0.0, 0.0025 / 4]}
     data = READ(table, rebound_height_uncertainty=0.0025)
     np.testing.assert_allclose(data.uncertainty, [0.05, 0.05])  # √(0.0025/1), the slope at u/4
-    exact = READ(table)
-    assert exact.uncertainty is None
+    assert READ(table).uncertainty is None
 
 
 def test_timing_that_is_not_told_is_one_unknown_size():
@@ -330,9 +327,8 @@ def test_uncertainties_of_points_come_on_top_of_what_is_shared():
     timing = {"interval_uncertainty": 0.001}
     sets = READ(table, **timing), READ(more, **timing), READ(more, **timing, uncertainty=0.02)
     shared, alone, both = (covariance_of(d, SLOPE) for d in sets)
-    np.testing.assert_allclose(
-        alone, shared + np.diag((SLOPE * np.array([0.1, 0.2])) ** 2), rtol=1e-12
-    )
+    expected = shared + np.diag((SLOPE * np.array([0.1, 0.2])) ** 2)
+    np.testing.assert_allclose(alone, expected, rtol=1e-12)
     np.testing.assert_allclose(both, alone + 0.02**2 * np.eye(2), rtol=1e-12)
     assert any("is added to" in data for data in sets[2].remarks)
     # stated for each ε and nothing of the timing: nothing is left to be estimated

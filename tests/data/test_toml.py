@@ -89,16 +89,12 @@ UNCERTAINTIES = [  # a key for all rows, the column in its place
 
 @pytest.mark.parametrize(("key", "header", "full", "cell"), UNCERTAINTIES)
 def test_an_uncertainty_for_all_rows_is_its_column(read_toml, key, header, full, cell):
-    rows = (
-        ["1.0,0.9", "1.8,0.8", "2.4,0.7"]
-        if "time," in header
-        else ["2.0,0.9", "1.8,0.8", "1.5,0.7"]
-    )
-    stated = read_toml(entry(key, properties=""), "\n".join([header, *rows]))[0]
-    column = read_toml(entry(properties=""), "\n".join([full, *(f"{row},{cell}" for row in rows)]))[
-        0
-    ]
-    sizes = [covariance_of(one, -0.1) for one in (stated, column)]
+    values = (1.0, 1.8, 2.4) if "time," in header else (2.0, 1.8, 1.5)
+    rows = [f"{x},{y}" for x, y in zip(values, (0.9, 0.8, 0.7), strict=True)]
+    stated = read_toml(entry(key, properties=""), "\n".join([header, *rows]))
+    rows = [f"{row},{cell}" for row in rows]
+    column = read_toml(entry(properties=""), "\n".join([full, *rows]))
+    sizes = [covariance_of(one, -0.1) for (one,) in (stated, column)]
     np.testing.assert_allclose(*sizes, rtol=1e-13)
     assert np.any(sizes[0])
 
