@@ -75,10 +75,8 @@ def test_every_format_has_the_same_float64_and_statuses_are_written_by_name(at):
     assert (out / "curve.png").read_bytes()[:4] == b"\x89PNG"
     words = ["--chi", 0.016, "--from", 0.5, "--to", 3, "--points", 2, "--format", "csv", "png"]
     curve("nylon", *words)
-    assert [row[2] for row in rows_of(at / "results" / "curve.csv")[1:]] == [
-        "ELASTIC",
-        "NO_RESIDUAL_OVERLAP|ENERGY_GAIN",
-    ]
+    (*_, first), (*_, last) = rows_of(at / "results" / "curve.csv")[1:]
+    assert (first, last) == ("ELASTIC", "NO_RESIDUAL_OVERLAP|ENERGY_GAIN")
 
 
 def zhou(area="zhou", **changed):
