@@ -121,15 +121,9 @@ def tests_run(copy: Path, tests: list[str], limit: int) -> tuple[int, str]:
     options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--assert=plain"]
     command = ["sh", "-c", f'ulimit -t {limit}; exec "$@"', "sh", sys.executable, "-m", "pytest"]
     try:
-        done = subprocess.run(
-            [*command, *options, *tests],
-            cwd=copy,
-            env=os.environ | {"PYTHONPATH": str(copy)},
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=10 * limit,
-        )
+        place = {"cwd": copy, "env": os.environ | {"PYTHONPATH": str(copy)}, "timeout": 10 * limit}
+        text = {"capture_output": True, "text": True, "errors": "replace"}
+        done = subprocess.run([*command, *options, *tests], **place, **text)
     except subprocess.TimeoutExpired:
         return -1, ""
     return done.returncode, done.stdout + done.stderr

@@ -309,13 +309,10 @@ def test_timing_that_is_not_told_is_one_unknown_size():
     linked = covariance_of(known) != 0
     np.testing.assert_array_equal(linked, np.kron(np.eye(2), np.ones((2, 2))))
     # a launch of one interval comes first: its timing is nobody's
-    first = {
-        "interval": [0.9, 0.5, 0.4, 0.3],
-        "launch": [1, 2, 2, 2],
-        "u_t": [0.1, 1e-3, 2e-3, 3e-3],
-    }
-    alone = covariance_of(data_of("intervals", [0.5, 0.4, 0.3], first["u_t"][1:]), -1.0)
-    np.testing.assert_array_equal(covariance_of(READ(first), -1.0), alone)
+    first, timing = {"interval": [0.9, 0.5, 0.4, 0.3], "launch": [1, 2, 2, 2]}, [1e-3, 2e-3, 3e-3]
+    alone = covariance_of(data_of("intervals", first["interval"][1:], timing), -1.0)
+    found = covariance_of(READ(first | {"u_t": [0.1, *timing]}), -1.0)
+    np.testing.assert_array_equal(found, alone)
     # ε₁ = t₂/t₁, ε₂ = t₃/t₂: what makes t₂ long raises one and lowers the other
     expected = -(0.002**2) * (1 / 0.5) * (0.75 / 0.4)
     assert covariance_of(known)[0, 1] == pytest.approx(expected, rel=1e-12)

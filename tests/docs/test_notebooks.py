@@ -45,14 +45,9 @@ def execute(notebook, folder, monkeypatch):
     """Run all cells in place; raises at the first that fails."""
     for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):
         monkeypatch.setenv(name, str(folder))  # neither a user's own settings nor traces of a run
-    client = NotebookClient(
-        notebook,
-        kernel_name="python3",
-        kernel_manager_class=ThisInterpreter,
-        timeout=CELL_SECONDS,
-        resources={"metadata": {"path": str(folder)}},
-    )
-    return client.execute()
+    kernel = {"kernel_name": "python3", "kernel_manager_class": ThisInterpreter}
+    resources = {"metadata": {"path": str(folder)}}
+    return NotebookClient(notebook, timeout=CELL_SECONDS, resources=resources, **kernel).execute()
 
 
 def outputs(notebook, kind=None):

@@ -170,9 +170,8 @@ def test_every_option_of_a_command_is_told(command):
     sections = {part.partition("\n")[0]: part for part in re.split(r"^##+ ", text, flags=re.M)}
     common = sections["Common to all"] + sections["Which collision"]
     names = [name for name in sections if name.startswith(f"`softjax {command}")]
-    section = "".join(sections[name] for name in names) + sections["Velocities and files"] * (
-        command == "curve"
-    )
+    names += ["Velocities and files"] * (command == "curve")
+    section = "".join(sections[name] for name in names)
     options = set(re.findall(r"(?<!\S)(--[a-z0-9-]+)", helped(command)))
     documented = set(re.findall(r"`(--[a-z0-9-]+)", common + section))
     assert options - documented == {"--help"}
@@ -188,20 +187,15 @@ def test_every_warning_and_every_law_with_its_parameters_is_documented():
     text = (REFERENCE / "laws.md").read_text(encoding="utf-8")
     rows = [row.split(" | ") for row in text.splitlines() if row.startswith("| `")]
     laws = {row[1].strip("`"): set(re.findall(r"`(\w+)`", row[2])) for row in rows if len(row) == 5}
-    assert laws == {
-        name: {f.name for f in fields(law) if "declared" in f.metadata}
-        for name, law in cal.LAWS.items()
-    }
+    declared = lambda law: {f.name for f in fields(law) if "declared" in f.metadata}  # noqa: E731
+    assert laws == {name: declared(law) for name, law in cal.LAWS.items()}
 
 
 def test_a_dead_link_and_a_silent_name_are_found(tmp_path, monkeypatch):
     (tmp_path / "a.html").write_text('<a href="b.html#x">b</a><a href="#y">y</a>')
     (tmp_path / "b.html").write_text('<p id="z"><a href="c.html"><img src="data:,">')
-    assert links.dead(tmp_path) == [
-        "a.html: b.html#x leads nowhere",
-        "a.html: #y leads nowhere",
-        "b.html: c.html leads nowhere",
-    ]
+    dead = ("a.html: b.html#x", "a.html: #y", "b.html: c.html")
+    assert links.dead(tmp_path) == [f"{one} leads nowhere" for one in dead]
     (module,) = [one for one in names.modules().values() if one.modulename == "softjax"]
     monkeypatch.setattr(module.members["restitution"], "docstring", "")
     assert "softjax.restitution" in list(names.undocumented())

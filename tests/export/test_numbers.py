@@ -74,16 +74,14 @@ def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = EFF
     assert words[2:7] == ["tangential", "linear_nohistory", "0.0", "0.0", "damping"]
     kind, limited = words[7], words[8:]
     assert limited == ["limit_damping"]
+    assert kind in ("viscoelastic", "coeff_restitution")
     hertz = {"hertz": True, "hooke": False}[model]
 
     def force(overlap, rate):
         touch = math.sqrt(radius * overlap) if hertz else 1.0
-        eta = {
-            "viscoelastic": lambda: damping * touch * mass,
-            "coeff_restitution": lambda: (
-                2 * ratio(damping) * math.sqrt(mass * k * touch * (1.25 if hertz else 1.0))
-            ),
-        }[kind]()
+        eta = damping * touch * mass
+        if kind == "coeff_restitution":
+            eta = 2 * ratio(damping) * math.sqrt(mass * k * touch * (1.25 if hertz else 1.0))
         return k * touch * overlap + eta * rate
 
     return force
@@ -261,9 +259,8 @@ def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported
         expected = float(sj.restitution(law, velocity).coefficient)
         assert abs(found - expected) < (0.075 if source == "steel" else 1e-6)
     peak = 5.0 * math.sqrt(MASS / k1)
-    assert peak == pytest.approx(
-        report["largest_overlap_over_radius"] * report["radius"]["value"], rel=1e-6
-    )
+    stated = report["largest_overlap_over_radius"] * report["radius"]["value"]
+    assert peak == pytest.approx(stated, rel=1e-6)
     # it goes on to grow beyond the fastest impact, to twice its overlap
     assert k2(1.99 * peak) == pytest.approx(k1 + 1.99 * (k2(peak) - k1))
     assert k2(2.5 * peak) == pytest.approx(k2(2.0 * peak))
@@ -272,10 +269,9 @@ def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported
 def test_sizes_that_are_named_have_a_line_for_each_pair(exported):
     """Spheres of two radii: ε of each pair is that of its own contact, at a step for the smallest."""
     law, radii = sj.ViscoelasticHertz(PAIR, 2e-6), (RADIUS, RADIUS / 2)
-    alone, _ = exported(law, "lammps", law="viscoelastic", tolerance=0.1, steps=400)
-    made, folder = exported(
-        law, "lammps", law="viscoelastic", tolerance=0.1, steps=400, sizes=radii
-    )
+    options = {"law": "viscoelastic", "tolerance": 0.1, "steps": 400}
+    alone, _ = exported(law, "lammps", **options)
+    made, folder = exported(law, "lammps", **options, sizes=radii)
     text, _ = read(folder, "lammps")
     assert made.choice.error == 0
     assert made.time_step == pytest.approx(alone.time_step / 2, rel=0.05)

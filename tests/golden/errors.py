@@ -49,14 +49,10 @@ def shared_and_pooled(numbers, folder):
 @scenario
 def noise(numbers, folder):
     """Stated, unknown, extra and scaled: with profiles, bands, predictions and leave-one-out."""
-    cases = {
-        "stated": (0.003, {}),
-        "unknown": (None, {}),
-        "extra": (0.001, {"extra_scatter": True}),
-        "none extra": (0.006, {"extra_scatter": True}),
-        "scaled": (0.001, {"scale_uncertainty": True}),
-    }
-    for name, (uncertainty, options) in cases.items():
+    extra, scaled = {"extra_scatter": True}, {"scale_uncertainty": True}
+    cases = [("stated", 0.003, {}), ("unknown", None, {}), ("extra", 0.001, extra)]
+    cases += [("none extra", 0.006, extra), ("scaled", 0.001, scaled)]
+    for name, uncertainty, options in cases:
         weighted = "extra" in name
         result = cal.fit(rebounds(uncertainty), starts=8, **options)
         record_fit(numbers, result, f"{name}: ", weighted=weighted)
@@ -84,9 +80,8 @@ def groups(numbers, folder):
     group = np.arange(simulated.POINTS) % 4
     offset = np.array([0.004, -0.006, 0.003, 0.001])[group]
     for name, uncertainty in (("stated", 0.002), ("unknown", None)):
-        data = cal.RestitutionData(
-            velocity, restitution + offset, contact(), uncertainty, group=group
-        )
+        arrays = (velocity, restitution + offset, contact(), uncertainty)
+        data = cal.RestitutionData(*arrays, group=group)
         result = cal.fit(data, **QUICK)
         record_fit(numbers, result, f"{name}: ", weighted=True)
         record_band(numbers, result.band(AT), f"{name}: band", weighted=True)

@@ -144,9 +144,7 @@ def _plain(array: np.ndarray, form: str = "%.15g") -> Any:
 def to_text(table: dict) -> str:
     parts = []
     for mark, entries in table.items():
-        lines = (
-            f"  {json.dumps(name, ensure_ascii=False)}: {json.dumps(entry, ensure_ascii=False)}"
-            for name, entry in entries.items()
-        )
+        texts = (map(partial(json.dumps, ensure_ascii=False), pair) for pair in entries.items())
+        lines = (f"  {name}: {entry}" for name, entry in texts)
         parts.append(f" {json.dumps(mark)}: {{\n" + ",\n".join(lines) + "\n }")
     return "{\n" + ",\n".join(parts) + "\n}\n"

@@ -66,12 +66,10 @@ SHOWN = {"fitting.result", "studies.compare"}
 
 def modules(package):
     """Files of a package by dotted name without the package's own."""
-    paths = sorted((ROOT / package).rglob("*.py"))
-    names = (path.relative_to(ROOT / package).with_suffix("").parts for path in paths)
-    found = {
-        ".".join(p for p in way if p != "__init__"): path
-        for way, path in zip(names, paths, strict=True)
-    }
+    found = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        way = path.relative_to(ROOT / package).with_suffix("").parts
+        found[".".join(p for p in way if p != "__init__")] = path
     return {name: path for name, path in found.items() if name}
 
 

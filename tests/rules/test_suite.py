@@ -139,12 +139,10 @@ def test_tests_that_run_a_line_are_chosen_the_cheapest_first():
 def test_changes_are_noticed_or_not_and_undone(project):
     tests = ["tests/test_module.py"]
     every = {change.after: change for change in changes_of("module.py", MODULE)}
-    outcomes = {
-        after: tried(project, every[after], tests, 60)
-        for after in ("low = min(x / factor, LIMIT)", "if x <= 0 and factor:")
-    }
-    assert [outcome.result for outcome in outcomes.values()] == [NOTICED, SURVIVED]
-    assert outcomes["low = min(x / factor, LIMIT)"].by == "FAILED tests/test_module.py::test_it"
+    changes = (every["low = min(x / factor, LIMIT)"], every["if x <= 0 and factor:"])
+    seen, unseen = (tried(project, change, tests, 60) for change in changes)
+    assert (seen.result, unseen.result) == (NOTICED, SURVIVED)
+    assert seen.by == "FAILED tests/test_module.py::test_it"
     assert (project / "module.py").read_bytes() == MODULE
 
 

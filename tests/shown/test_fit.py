@@ -53,12 +53,12 @@ def spring(alloy):
 
 def rise(k, value):
     """Δχ² with one of a, b at a value, the other one sought."""
-    other = optimize.minimize_scalar(
-        lambda y: np.sum(((curve([value, y] if k == 0 else [y, value]) - MADE) / 0.01) ** 2),
-        bracket=(best()[0][1 - k] * 0.99, best()[0][1 - k] * 1.01),
-        options={"xtol": 1e-12},
-    )
-    return other.fun - best()[2]
+
+    def squares(y):
+        return np.sum(((curve([value, y] if k == 0 else [y, value]) - MADE) / 0.01) ** 2)
+
+    near = (best()[0][1 - k] * 0.99, best()[0][1 - k] * 1.01)
+    return optimize.minimize_scalar(squares, near, options={"xtol": 1e-12}).fun - best()[2]
 
 
 def axes_of(figure):
@@ -136,9 +136,8 @@ def test_profiles_are_drawn_through_the_minimised_cost(alloy):
         np.testing.assert_allclose(drawn, exact, rtol=0.02, atol=0.02)
         np.testing.assert_allclose(line(ax, "threshold of the interval")[1], threshold)
         fine, parabola = line(ax, "from the standard error")
-        np.testing.assert_allclose(
-            parabola, ((fine - values[k]) / errors[k]) ** 2, rtol=2e-3, atol=1e-3
-        )
+        exact = ((fine - values[k]) / errors[k]) ** 2
+        np.testing.assert_allclose(parabola, exact, rtol=2e-3, atol=1e-3)
         ends = [line.get_xdata()[0] for line in ax.get_lines() if line.get_label() == "interval"]
         np.testing.assert_allclose([rise(k, end / scale[k]) for end in ends], threshold, rtol=1e-2)
         assert ends[0] < values[k] < ends[1]
@@ -225,9 +224,8 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
             first = float(pair(name, area).critical_velocity)
             np.testing.assert_allclose(line(ax, label)[1][1:], thornton(v[1:], first), atol=1e-9)
         (points,), (left,) = ax.containers, below.containers
-        np.testing.assert_allclose(
-            points[0].get_data(), [data.velocity / critical, data.restitution]
-        )
+        measured = [data.velocity / critical, data.restitution]
+        np.testing.assert_allclose(points[0].get_data(), measured)
         at = np.asarray(sj.restitution(law, data.velocity).coefficient)
         np.testing.assert_allclose(left[0].get_ydata(), data.restitution - at, atol=1e-7)
         assert ("no solution beyond" in labels(ax)) == (name == "nylon")

@@ -84,14 +84,10 @@ def test_on_a_real_terminal_without_colours(tmp_path):
     environment |= {"TERM": "dumb", "NO_COLOR": "1", "PYTHONPATH": os.getcwd()}
     words = ["curve", "nylon", "--law", "constant", "--set", "restitution=0.9", "--format", "csv"]
     words += ["--no-cache", "--out", "r"]
-    process = subprocess.Popen(
-        [sys.executable, "-X", "importtime", "-m", "calibration", *words],
-        stdin=other,
-        stdout=other,
-        stderr=other,
-        cwd=tmp_path,
-        env=environment | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)},
-    )
+    environment |= {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
+    command = [sys.executable, "-X", "importtime", "-m", "calibration", *words]
+    streams = {"stdin": other, "stdout": other, "stderr": other}
+    process = subprocess.Popen(command, cwd=tmp_path, env=environment, **streams)
     os.close(other)
     seen = b""
     with contextlib.suppress(OSError):  # the other end is closed

@@ -131,13 +131,9 @@ def test_a_result_not_saved_is_an_os_error(tmp_path):
         result.save(tmp_path / ("x" * 300) / "fit.json")
 
 
-def redirected(streams, *words, **more):
-    return subprocess.run(
-        ["sh", "-c", f'"$@" {streams}', "sh", *COMMAND, *map(str, words)],
-        capture_output=True,
-        check=False,
-        **more,
-    )
+def redirected(streams, *words):
+    command = ["sh", "-c", f'"$@" {streams}', "sh", *COMMAND, *map(str, words)]
+    return subprocess.run(command, capture_output=True, check=False)
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="of Linux")
@@ -163,13 +159,9 @@ def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path
     file.rename(tmp_path / "härte.toml").write_text(text, encoding="utf-8")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     out = b"st\xfc/ergebnis_\xc3\xbc"
-    done = subprocess.run(
-        [*COMMAND, "fit", b"h\xc3\xa4rte.toml", "--out", out],
-        capture_output=True,
-        env=os.environ | plain | {"PYTHONPATH": os.getcwd()},
-        cwd=tmp_path,
-        check=False,
-    )
+    environment = os.environ | plain | {"PYTHONPATH": os.getcwd()}
+    command = [*COMMAND, "fit", b"h\xc3\xa4rte.toml", "--out", out]
+    done = subprocess.run(command, capture_output=True, env=environment, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, b"")
     assert "std. error" in done.stdout.decode("ascii")
     folder = os.path.join(os.fsencode(tmp_path), out)
