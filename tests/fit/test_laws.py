@@ -10,7 +10,7 @@ import calibration as cal
 import softjax as sj
 from tests import fit_oracle
 from tests.decay import Decay, decay
-from tests.fit_data import TRUTH, eq_17_data, pair, twin
+from tests.fit_data import TRUTH, eq_17_data, pair
 
 Free = cal.Parameter
 QUICK = {"profiles": False, "starts": 4}
@@ -84,23 +84,6 @@ def test_values_errors_and_bands_are_scipy_s(name, stated):
         for label, value, error in zip(labels, values, np.sqrt(np.diag(covariance)), strict=True):
             ends = value * np.exp(np.array([-t, t]) * error / value)
             np.testing.assert_allclose(result.intervals[label], ends, rtol=1e-5)
-
-
-def test_what_the_fit_does_not_determine_is_said():
-    """Zhou's law without points below v_cr determines nothing there; with points below alone, no χ̃."""
-    above = cal.fit(twin("nylon", np.geomspace(1.3, 40, 20), 0.002), **QUICK)
-    v = np.array([0.5, 0.99, 1.01, 10.0]) * CRITICAL
-    np.testing.assert_array_equal(above.determined(v), [False, False, True, True])
-    band = above.band(v)
-    np.testing.assert_array_equal(np.isnan(band.coefficient), [True, True, False, False])
-    found = sj.restitution(above.law, v[2:]).coefficient
-    np.testing.assert_allclose(found, band.coefficient[2:], rtol=1e-9)
-    up = fit_oracle.eq_17(CRITICAL, LIMIT, float(above.law.sigma), float(above.law.psi))
-    assert up == pytest.approx(above.values["eps_up"], rel=1e-9)
-    below = cal.fit(twin("nylon", np.linspace(0.1, 0.95, 12), 0.0005), **QUICK)
-    np.testing.assert_array_equal(below.determined(v), [True, True, False, False])
-    assert below.values["chi"] is None
-    assert np.all(cal.fit(twin("nylon", noise=0.002), **QUICK).determined(v))
 
 
 def test_a_sphere_on_a_wall_and_many_radii_in_one_set():

@@ -127,21 +127,6 @@ def test_what_is_shared_is_one_parameter():
     assert error == pytest.approx(alone.standard_errors["rate"], rel=1e-6)
 
 
-def test_sets_with_bodies_and_without_share_a_constant():
-    """Weighted means, each set's own scatter about the common one: found by hand."""
-    sets = list(cal.paper_materials(10))
-    sets[0] = replace(sets[0], contact=None)
-    result = cal.fit(sets, "constant", {"restitution": Free(shared=True)}, **QUICK)
-    mean = result.values["restitution"]
-    for _ in range(300):
-        squares = np.array([np.sum((d.restitution - mean) ** 2) for d in sets])
-        left = 10 - (weight := 1 / squares) / np.sum(weight)
-        for _ in range(50):
-            left = 10 - (left / squares) / np.sum(left / squares)
-        mean = np.average([d.restitution.mean() for d in sets], weights=left / squares)
-    assert result.values["restitution"] == pytest.approx(mean, rel=1e-6)
-
-
 def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
     """Beside another that it shares a parameter with: as if its bodies had it of themselves."""
     steel, _, nylon = cal.paper_materials(10)

@@ -127,21 +127,6 @@ def test_each_set_of_a_joint_fit_has_its_own_noise():
     assert left.exact
 
 
-def test_stated_uncertainties_are_used_as_they_are_where_no_scatter_is_left():
-    """Overstated three times, with scatter beside them to be found: the mean of the others."""
-    random = np.random.default_rng(8)
-    u = random.uniform(0.002, 0.01, 20)
-    e = 0.7 + 0.3 * u * random.standard_normal(20)
-    data = cal.RestitutionData(np.linspace(1, 3, 20), e, uncertainty=u)
-    left = cal.fit(data, "constant", extra_scatter=True, **QUICK).leave_one_out()
-    expected = []
-    for k in range(20):
-        w = np.delete(u**-2.0, k)
-        middle = np.sum(w * np.delete(e, k)) / np.sum(w)
-        expected.append(stats.norm.logpdf(e[k], middle, np.sqrt(u[k] ** 2 + 1 / np.sum(w))))
-    np.testing.assert_allclose(left.log_density, expected, atol=1e-4)
-
-
 @pytest.mark.parametrize("stated", [False, True])
 def test_many_points_are_left_out_to_first_order_by_the_same_density(stated):
     """Beyond 1000 points nothing is refitted: against the fit of all but one, and its noise."""

@@ -81,6 +81,11 @@ def test_a_yield_strength_that_is_fixed_decides_which_points_are_above_it():
     assert "eps_up" in above.covariance_names
     below = cal.fit(drops(2), "zhou", {"yield_strength": 20 * YIELD}, **few)
     assert below.covariance_names == ("sigma", "psi")
+    assert below.values["chi"] is None
+    around, higher = V_CR * np.array([0.99, 1.01]), 20**2.5
+    np.testing.assert_array_equal(above.determined(around), [False, True])
+    np.testing.assert_array_equal(below.determined(higher * around), [True, False])
+    np.testing.assert_array_equal(np.isnan(above.band(around).coefficient), [True, False])
 
 
 def test_what_the_data_do_not_determine_is_said_without_nan():
