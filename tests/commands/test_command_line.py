@@ -127,31 +127,24 @@ def test_unusable_command_lines_are_refused(words, files, capsys, at):
 FREE = "give --chi X, fix it by a plain number, or read its fit by --fit"
 OF_START = f"alloy.toml:13: chi is free, and its value a start; {FREE}"
 FACTOR = "--set yield_factor=X"
+NOT_SAID = [
+    ("fit", "", "restitution = 0.5", "alloy.toml:13: parameter is restitution; it must be of"),
+    ("fit", 'law = "hertz"\nobjective = "two-step"', "", "alloy.toml:4: objective is"),
+    ("fit", 'law = "thornton"\nroute = "closed form"', "", "Thornton"),
+    ("curve", "", "chi = { value = 0.1, bounds = [0.01, 10.0] }", OF_START),
+    ("export --to c", "", "chi = { prior = [0.1, 0.05] }", f"alloy.toml:13: chi is free; {FREE}"),
+    ("sensitivity", "", "chi = { value = 0.1 }", OF_START),
+    # which has a default: a file that leaves it to a fit does not say so
+    (
+        "curve --law thornton",
+        "",
+        "yield_factor = { value = 1.2 }",
+        f":13: yield_factor is free|{FACTOR}",
+    ),
+]
 
 
-@pytest.mark.parametrize(
-    ("words", "settings", "below", "blamed"),
-    [
-        ("fit", "", "restitution = 0.5", "alloy.toml:13: parameter is restitution; it must be of"),
-        ("fit", 'law = "hertz"\nobjective = "two-step"', "", "alloy.toml:4: objective is"),
-        ("fit", 'law = "thornton"\nroute = "closed form"', "", "Thornton"),
-        ("curve", "", "chi = { value = 0.1, bounds = [0.01, 10.0] }", OF_START),
-        (
-            "export --to c",
-            "",
-            "chi = { prior = [0.1, 0.05] }",
-            f"alloy.toml:13: chi is free; {FREE}",
-        ),
-        ("sensitivity", "", "chi = { value = 0.1 }", OF_START),
-        # which has a default: a file that leaves it to a fit does not say so
-        (
-            "curve --law thornton",
-            "",
-            "yield_factor = { value = 1.2 }",
-            f":13: yield_factor is free|{FACTOR}",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("words", "settings", "below", "blamed"), NOT_SAID)
 def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, capsys, at):
     command, *more = words.split()
     more += [] if command == "fit" or "thornton" in more else ["--sigma", "1", "--psi", "0.5"]

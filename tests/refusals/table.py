@@ -1,7 +1,8 @@
 """What is refused: a name, where the blame lies, words that the one line has, and what was given.
 
 `TABLES` has a section for each way in. The words, separated by |, are what was given and what is
-accepted; the sentences around them are free, but for those that `sentences.txt` keeps.
+accepted; the sentences around them are free, but for those that `sentences.txt` keeps: `python -m
+tests.refusals.table` writes them again, a case joins by a line with its way and name, `CSV files | no rows |`.
 """
 
 import copy
@@ -383,3 +384,25 @@ def refusal(way: str, name: str, folder: Path) -> Exception | None:
     except (cal.InputError, cal.DataError) as error:
         return error
     return None
+
+
+FILE = Path(__file__).with_name("sentences.txt")
+
+
+def sentences() -> dict[tuple[str, str], str]:
+    """The sentences that are kept, by way and name."""
+    parts = (line.split(" | ", 2) for line in FILE.read_text(encoding="utf-8").splitlines())
+    return {(way, name.removesuffix(" |")): "".join(rest) for way, name, *rest in parts}
+
+
+def sentence(way: str, name: str, folder: Path) -> str:
+    """What is said now; the folder by a word."""
+    return str(refusal(way, name, folder)).replace(str(folder), "FOLDER")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place:
+        lines = [
+            f"{way} | {name} | {sentence(way, name, Path(place))}" for way, name in sentences()
+        ]
+    FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")

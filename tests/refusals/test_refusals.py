@@ -9,8 +9,19 @@ import pytest
 
 import calibration as cal
 from tests.command import run
-from tests.refusals.__main__ import sentence, sentences
-from tests.refusals.table import CASES, CSV, TOML, WALL, changed, genuine, loaded, refusal, written
+from tests.refusals.table import (
+    CASES,
+    CSV,
+    TOML,
+    WALL,
+    changed,
+    genuine,
+    loaded,
+    refusal,
+    sentence,
+    sentences,
+    written,
+)
 
 LONGEST = 420  # characters beside the folder
 
@@ -46,7 +57,7 @@ def test_the_files_that_the_cases_spoil_are_good(tmp_path):
 
 @pytest.mark.parametrize(("way", "name"), sentences())
 def test_whole_sentences(way, name, tmp_path):
-    """As `sentences.txt` has them, which `python -m tests.refusals` writes again."""
+    """As `sentences.txt` has them, which `python -m tests.refusals.table` writes again."""
     assert sentence(way, name, tmp_path) == sentences()[way, name]
 
 
