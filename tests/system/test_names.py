@@ -8,8 +8,7 @@ import subprocess
 
 import pytest
 
-from tests.command import run
-from tests.shown.capture import drawn
+from tests.shown.conftest import shown
 from tests.shown.tables import Tags
 
 NAMES = {
@@ -25,6 +24,7 @@ NAMES = {
     "direction": "abc\u202edef",
     "dollars": "$\\frac{1}{0}$",
 }
+PLAIN = ("script", "entity", "image", "reference", "cell", "code", "dollars")
 MATERIAL = '[[material]]\nname = {}\nmaterial = "nylon"\nradius = 0.01\ndata = "a.csv"\n'
 POINTS = (
     "velocity,restitution,uncertainty\n0.5,0.81,0.01\n1.0,0.79,0.01\n2.0,0.8,0.01\n4.0,0.82,0.01\n"
@@ -34,39 +34,32 @@ FOLDER = "it's `a` $(b) ü"
 
 @pytest.fixture(scope="module")
 def hostile(tmp_path_factory):
-    """All names in one fit: the folder, what the terminal shows, and the report."""
+    """All names in one fit."""
     folder = tmp_path_factory.mktemp("names") / FOLDER
     folder.mkdir()
     (folder / "a.csv").write_text(POINTS)
     entries = "".join(MATERIAL.format(json.dumps(name)) for name in NAMES.values())
     text = '[fit]\nlaw = "constant"\nprofiles = false\n' + entries
     (folder / "m.toml").write_text(text.replace("\\u001b", "\\u001B"), encoding="utf-8")
-    with drawn() as figures:
-        code, out, error = run("--no-cache", "fit", folder / "m.toml", "--out", folder / "r")
-    assert (code, error) == (0, "")
-    report = (folder / "r" / "report.md").read_text(encoding="utf-8")
-    return folder, out, report, figures["curves.png"]
+    made = shown(folder, "fit", folder / "m.toml")
+    assert (made.code, made.err) == (0, "")
+    return made
 
 
-def test_nothing_reaches_the_terminal_but_letters_and_the_line_of_the_report_is_the_command_again(
-    hostile,
-):
-    folder, out, *_ = hostile
+def test_nothing_reaches_the_terminal_but_letters_and_the_report_has_the_command_again(hostile):
+    out, folder = hostile.out, hostile.folder.parent
     assert all(line.isprintable() for line in out.replace(str(folder), "").splitlines())
-    for shown in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"):
-        assert shown in out
-    folder, _, report, _ = hostile
-    line = next(line for line in report.splitlines() if " fit " in line and "softjax " in line)
+    assert all(name in out for name in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"))
+    (line,) = re.findall(r".*softjax fit .*", hostile.text("report.md"))
     command = re.search(r"(`+) ?(.*?) ?\1(?!`)", line)[2]
-    printed = subprocess.run(
-        ["bash", "-c", f"printf '%s\\0' {command}"], capture_output=True, check=True
-    ).stdout
-    found = [os.fsdecode(word) for word in printed.split(b"\0")[:-1] if word != b"--no-cache"]
-    assert found == ["softjax", "fit", str(folder / "m.toml"), "--out", str(folder / "r")]
+    words = ["bash", "-c", f"printf '%s\\0' {command}"]
+    printed = subprocess.run(words, capture_output=True, check=True).stdout
+    found = [os.fsdecode(word) for word in printed.split(b"\0")[:-1]]
+    assert found == ["softjax", "fit", str(folder / "m.toml"), "--out", str(hostile.folder)]
 
 
-def test_a_report_has_its_own_structure_alone(hostile):
-    report = hostile[2]
+def test_a_report_has_its_own_structure_alone_and_shows_each_name(hostile):
+    report = hostile.text("report.md")
     lines = report.splitlines()
     assert all(line.isprintable() for line in lines)
     assert not any("heading" in line for line in lines if line.startswith("#"))
@@ -77,34 +70,31 @@ def test_a_report_has_its_own_structure_alone(hostile):
     assert len(tables) >= 3
     for table in tables:
         assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table}) == 1
-    # and shows each name as it is
-    shown = html.unescape(report.replace("\\|", "|"))
-    for name in ("script", "entity", "image", "reference", "cell", "code", "dollars"):
-        assert f"- **{NAMES[name]}**" in shown
+    text = html.unescape(report.replace("\\|", "|"))
+    assert all(f"- **{NAMES[name]}**" in text for name in PLAIN)
 
 
 def test_a_page_and_a_picture_show_each_name_and_nothing_acts(hostile):
-    page = Tags((hostile[0] / "r" / "report.html").read_text(encoding="utf-8"))
+    page = Tags(hostile.text("report.html"))
     assert page.open == page.named("script") == page.named("link") == []
     addresses = [attrs.get("href") or attrs.get("src") for _, attrs in page.tags]
     assert all(a is None or a.startswith("data:image/png;base64,") for a in addresses)
-    figure = hostile[3]
+    figure = hostile.figures["curves.png"]
     figure.draw_without_rendering()
     titles = [ax.get_title().replace("\\$", "$").strip("\u200b") for ax in figure.axes]
-    for name in ("script", "entity", "image", "reference", "cell", "code", "dollars"):
+    for name in PLAIN:
         assert page.words.count(NAMES[name]) >= 3
         assert NAMES[name] in titles
 
 
-def test_a_table_for_particle_codes_has_rows_of_numbers_alone(hostile):
-    folder = hostile[0]
+def test_a_table_for_particle_codes_has_rows_of_numbers_alone(hostile, tmp_path):
     for name in (r"steel\n9 0.5 0 0 0 0", "# heading"):
-        words = ["--fit", folder / "r" / "fit.json", "--material", name, "--table", "--points", 5]
-        code, out, error = run("--no-cache", "curve", *words, "--out", folder / "c")
-        assert (code, error) == (0, "")
-        lines = (folder / "c" / "curve.txt").read_text(encoding="utf-8").splitlines()
+        words = ["--fit", hostile.folder / "fit.json", "--material", name, "--points", 5]
+        made = shown(tmp_path, "curve", *words, "--table")
+        assert (made.code, made.err) == (0, "")
+        lines = made.text("curve.txt").splitlines()
         rows = [line for line in lines if not line.startswith("#")]
         assert len(rows) == 5
         assert name in lines[0]
         assert all(float(cell) >= 0 for row in rows for cell in row.split())
-        assert out.replace("\n", "").replace(str(folder), "").isprintable()
+        assert made.out.replace("\n", "").isprintable()
