@@ -1,20 +1,18 @@
 """Units and columns that are doubted, each by one set and not by its neighbour; properties far outside are refused."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
 import calibration as cal
 import softjax as sj
-from tests.command import run
-from tests.shown.capture import drawn
+from tests.shown.conftest import shown
 
 VELOCITY = np.linspace(0.5, 5.0, 10)
 RESTITUTION = 0.95 - 0.05 * VELOCITY
 ROWS = "\n".join(["v,e", *(f"{v},{e}" for v, e in zip(VELOCITY, RESTITUTION, strict=True))])
-NYLON = {"youngs_modulus": 2.5e9, "poisson_ratio": 0.3, "density": 1140.0}
-NYLON |= {"yield_strength": 4.0e7, "radius": 0.0127}
-STEEL = {"youngs_modulus": 1.93e11, "poisson_ratio": 0.35, "density": 8030.0}
-STEEL |= {"yield_strength": 3.10e8, "radius": 0.0127}
+NYLON, STEEL = (asdict(body) | {"radius": 0.0127} for body in (sj.NYLON, sj.STAINLESS_STEEL))
 WALL = "[material.wall]\nmaterial = 'nylon'\n"
 # property: its code, its range, and what it is called
 RANGES = {
@@ -99,38 +97,36 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_the_first_line_of_every_command(command, at):
+def test_the_first_line_of_every_command(command, tmp_path):
     cases = [("density", 7.6), ("youngs_modulus", 1.5e12), ("radius", 6.0)]
     for name, value in cases if command == "curve" else cases[-1:]:
-        words = (command, material_file(at, **{name: value}), *COMMANDS[command])
-        with drawn():
-            code, out, error = run(*words)
-        assert code == 0, error
+        words = (command, material_file(tmp_path, **{name: value}), *COMMANDS[command])
+        made = shown(tmp_path, *words)
+        assert made.code == 0, made.err
         _, low, high, called, unit = RANGES[name]
         start = f"warning: plausibility (my alloy): {called} of the sphere is {value:.3g} {unit}"
-        assert out.splitlines()[0].startswith(f"{start}, outside {low:g} to {high:g} {unit}. ")
-    with drawn():
-        assert run(*words, "--quiet")[2].startswith(start)
-    file = material_file(at, youngs_modulus=115.0)  # Pa are GPa without their unit
-    code, out, error = run(command, file, *COMMANDS[command], "--out", "none")
+        assert made.out.splitlines()[0].startswith(f"{start}, outside {low:g} to {high:g} {unit}. ")
+    assert shown(tmp_path, *words, quiet=True).err.startswith(start)
+    file = material_file(tmp_path, youngs_modulus=115.0)  # Pa are GPa without their unit
+    made = shown(tmp_path / "none", command, file, *COMMANDS[command])
     start = f"{file}:4: youngs_modulus is 115 Pa, more than 100 times outside 100000 to 1.3e+12"
-    assert (code, out, error.count("\n"), error[: len(start)]) == (2, "", 1, start)
-    assert not (at / "none").exists()
+    assert (made.code, made.out, made.err.count("\n"), made.err[: len(start)]) == (2, "", 1, start)
+    assert not (tmp_path / "none").exists()
 
 
-def test_warnings_and_the_report_begin_with_it(at):
+def test_warnings_and_the_report_begin_with_it(tmp_path):
     fit = ("--law", "constant", "--no-profiles")
-    assert run("fit", material_file(at, radius=6.0), *fit)[0] == 0
-    lines = (at / "results" / "report.md").read_text(encoding="utf-8").splitlines()
+    made = shown(tmp_path, "fit", material_file(tmp_path, radius=6.0), *fit)
+    lines = made.text("report.md").splitlines()
     first = next(line for line in lines if line.startswith(("-", "*", ">")) or "plausib" in line)
     assert "plausibility" in first
     assert "6 m" in first
-    result = cal.FitResult.load(at / "results" / "fit.json")
+    result = cal.FitResult.load(made.folder / "fit.json")
     assert [warning.code for warning in result.warnings][:2] == ["plausibility"] * 2
-    file = material_file(at, "limit_velocity = 340.0\nplausibility = false", radius=600.0)
-    assert run("fit", file, *fit)[0] == 0
+    file = material_file(tmp_path, "limit_velocity = 340.0\nplausibility = false", radius=600.0)
+    made = shown(tmp_path, "fit", file, *fit)
     (data,) = cal.read_toml(file)
-    assert cal.FitResult.load(at / "results" / "fit.json").materials[0].data == data
+    assert cal.FitResult.load(made.folder / "fit.json").materials[0].data == data
 
 
 @pytest.mark.parametrize("below", ["", WALL])
