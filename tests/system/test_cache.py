@@ -1,16 +1,23 @@
-"""What is compiled for one command serves the next, in the user's own folder; and `softjax doctor`."""
+"""What is compiled for one command serves the next; `softjax doctor`; what is shipped says the same everywhere."""
 
 import os
 import platform
+import re
 import subprocess
 import sys
-from importlib import metadata
+import tomllib
+from importlib import metadata, resources
+from pathlib import Path
 
 import jax
 import pytest
 
+import calibration as cal
 from tests.command import run
 
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+CITATION = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 WORDS = ["curve", "nylon", "--law", "constant", "--set", "restitution=0.9", "--points", "3"]
 
 
@@ -91,3 +98,28 @@ def test_doctor_has_versions_and_checks_itself_by_narrow_limits(at):
     assert list(at.iterdir()) == []
     out = subprocess.check_output([sys.executable, "-m", "calibration", "--version"], text=True)
     assert out == f"softjax-contact {metadata.version('softjax-contact')}\n"
+
+
+def test_types_are_told_and_the_stubs_name_all_that_is_public():
+    for package in ("softjax", "calibration"):
+        assert resources.files(package).joinpath("py.typed").is_file()
+    stub = resources.files("calibration").joinpath("__init__.pyi").read_text(encoding="utf-8")
+    assert stub.count("\nfrom ") == len(cal.__all__) > 5
+    for name in cal.__all__:
+        assert f" import {name} as {name}\n" in stub
+        assert getattr(cal, name) is vars(cal)[name]
+    with pytest.raises(AttributeError, match="module 'calibration' has no attribute 'ft'"):
+        cal.ft  # noqa: B018
+    assert {*cal.__all__, "__doc__"} <= {*dir(cal)}
+
+
+def test_version_authors_dependencies_and_python_are_told_alike():
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(r"^## (\S+?),? ", changes, re.M)[1] == PROJECT["version"]
+    assert re.search(rf"^version: {re.escape(PROJECT['version'])}$", CITATION, re.M)
+    authors = CITATION.partition("authors:\n")[2].partition("references:")[0]
+    assert authors.strip() == "- name: The softjax authors"
+    for name in PROJECT["dependencies"]:
+        assert re.fullmatch(r"[a-z0-9]+>=[\d.]+", name), name
+    versions = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if ":: 3." in c]
+    assert versions[0] == PROJECT["requires-python"].removeprefix(">=")
