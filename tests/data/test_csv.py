@@ -63,7 +63,6 @@ def test_no_number_and_no_line_depends_on_the_style_of_a_table(
 READ = {
     "v [m/s]\tCOR\tErr\n0,12\t0,95\t0,004\n3\t7e-1\t,02\n": ([0.12, 3], [0.95, 0.7], (2, 3), "commas"),
     'v,e,note\n1,0.9,"a\nb"\n\n2,0.8,c\n': ([1, 2], [0.9, 0.8], (2, 5), "'note'"),
-    'v,e,note\n1, 0.9, "a, b"\n': ([1], [0.9], (2,), "'note'"),
     'sep=;\r\n"v (cm/s)";"e (%)";"remark, if any"\r\n"100";"64";"first; not ""clean"""\r\n50;32;\r\n': ([1, 0.5], [0.64, 0.32], (3, 4), "'remark, if any'"),
     "velocity\trestitution\tx\n(cm/s)\t(%)\t\n12\t95\ta\n300\t70\tb\n": ([0.12, 3], [0.95, 0.7], (3, 4), "'x'"),
     "velocity [cm/s];restitution\ncm/s;%\n12,0;95\n3,0e2;70\n": ([0.12, 3], [0.95, 0.7], (3, 4), "commas"),

@@ -61,9 +61,7 @@ ANSWERS = {  # what is returned in place of numbers, and how the line describes 
 }
 UNTRACEABLE = {
     "math.exp": lambda x: math.exp(x),
-    "np.exp": lambda x: np.exp(x),
     "if": lambda x: x if x > 0 else 0 * x,
-    "min": lambda x: min(x, 1.0),
     "range": lambda x: sum(x for _ in range(x)),
     "mask": lambda x: x[x > 0],
 }
