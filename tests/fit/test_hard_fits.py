@@ -105,55 +105,39 @@ JUMPS = {"chi": 0.1, "sigma": 0.4355, "psi": 0.5414, STRENGTH: 1.0}  # the last 
 SOFT = replace(NYLON, yield_strength=float(NYLON.youngs_modulus) / 9.9)
 
 
-def soft_curve(values, velocity):
-    numbers = fit_oracle.numbers(SOFT)
-    return fit_oracle.curve(velocity, numbers | {"Y": values[3] * numbers["Y"]}, *values[:3])
-
-
-def across_yield(seed):
-    """26 points across the critical velocity, noise 0.004."""
-    random = np.random.default_rng(seed)
-    spread = np.geomspace(0.4, 2.5, 26) * np.exp(0.02 * random.standard_normal(26))
-    velocity = np.sort(spread) * float(SOFT.critical_velocity)
-    exact = soft_curve([*JUMPS.values()], velocity)
-    measured = exact + 0.004 * random.standard_normal(26)
-    return cal.RestitutionData(velocity, measured, SOFT, uncertainty=0.004)
-
-
-def fitted_across(seed, **options):
-    """From the truth; its values as `soft_curve` takes them."""
-    size = float(SOFT.yield_strength)
-    starts = {name: cal.Parameter(value) for name, value in JUMPS.items()}
-    data = across_yield(seed)
-    result = cal.fit(data, sj.Zhou, starts | {STRENGTH: cal.Parameter(size)}, **options)
-    values = [result.values[name] for name in JUMPS]
-    return data, result, [*values[:3], values[3] / size]
-
-
-def off_by(data, values):
-    return (soft_curve(values, data.velocity) - data.restitution) / 0.004
-
-
-def chi_squared(data, values):
-    return float(np.sum(off_by(data, values) ** 2))
-
-
 def test_an_interval_of_the_strength_ends_where_the_cost_does():
     """χ² with the strength at the ends, all else by SciPy, is the limit's there or jumps over it."""
-    data, result, values = fitted_across(3)
-    best, threshold = chi_squared(data, values), result.profiles[STRENGTH].threshold
+    random, numbers = np.random.default_rng(3), fit_oracle.numbers(SOFT)
+    spread = np.geomspace(0.4, 2.5, 26) * np.exp(0.02 * random.standard_normal(26))
+    velocity = np.sort(spread) * float(SOFT.critical_velocity)
+
+    def soft_curve(chi, sigma, psi, strength):
+        softer = numbers | {"Y": strength * numbers["Y"]}
+        return fit_oracle.curve(velocity, softer, chi, sigma, psi)
+
+    measured = soft_curve(*JUMPS.values()) + 0.004 * random.standard_normal(26)
+    data = cal.RestitutionData(velocity, measured, SOFT, uncertainty=0.004)
+    starts = {name: cal.Parameter(value) for name, value in JUMPS.items()}
+    size = float(SOFT.yield_strength)
+    result = cal.fit(data, sj.Zhou, starts | {STRENGTH: cal.Parameter(size)})
+
+    def off_by(*values):
+        return (soft_curve(*values) - measured) / 0.004
+
+    *values, strength = (result.values[name] for name in JUMPS)
+    best = np.sum(off_by(*values, strength / size) ** 2)
     assert result.converged
-    assert best <= chi_squared(data, [*JUMPS.values()])
+    assert best <= np.sum(off_by(*JUMPS.values()) ** 2)
     start = np.log([*JUMPS.values()][:3])
 
-    def at_strength(strength):
-        off = lambda z: off_by(data, [*np.exp(z), strength])  # noqa: E731
-        return 2 * least_squares(off, start, bounds=(start - 5, start + 5), xtol=1e-12).cost
+    def rise(strength):
+        off = lambda z: off_by(*np.exp(z), strength)  # noqa: E731
+        found = least_squares(off, start, bounds=(start - 5, start + 5), xtol=1e-12)
+        return 2 * found.cost - best - result.profiles[STRENGTH].threshold
 
     for end, outward in zip(result.intervals[STRENGTH], (-1, 1), strict=True):
-        at = end / float(SOFT.yield_strength)
-        assert at_strength(at * (1 - 1e-6 * outward)) - best <= threshold + 1e-3
-        assert at_strength(at * (1 + 1e-6 * outward)) - best >= threshold - 1e-3
+        assert rise(end / size * (1 - 1e-6 * outward)) <= 1e-3
+        assert rise(end / size * (1 + 1e-6 * outward)) >= -1e-3
 
 
 class Wave(sj.HardSphereLaw):
