@@ -27,8 +27,9 @@ EASY = 3  # steps of a refit up to which the next stride may be longer: the way 
 STEPS = 100  # of one refit
 POINTS = 6.0  # strides up to the limit, about
 BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
-TOLERANCE = 1e-7  # of the limit, in z, or of √Δχ² there
+TOLERANCE = 1e-6  # of the limit, in z, or of √Δχ² there
 MOST_STRIDES = 400
+ENOUGH = 1e-9  # of Δχ² that a refit may end above its minimum
 ROUNDING = 1e-12  # of a way
 LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
 
@@ -141,7 +142,7 @@ class _Walks:
     def _search(self, start, which):
         """The others searched, from some start."""
         keywords = {"begun": self.task.begun, "fixed": self.fixed[which], "limit": STEPS}
-        return search(self.problem, start, **keywords)
+        return search(self.problem, start, **keywords, enough=ENOUGH * self.task.variance)
 
     def _foreseen(self, at, which) -> np.ndarray:
         """First-order change of the other parameters when the profiled ones move."""

@@ -76,9 +76,9 @@ class Ends(NamedTuple):
 class _Search:
     """The state of one call of `search`."""
 
-    def __init__(self, problem: Problem, z, begun, fixed, lanes: Lanes, limit: int, releases: int):
+    def __init__(self, problem: Problem, z, begun, fixed, lanes: Lanes, limit, releases, enough):
         self.problem, self.lanes, self.limit = problem, lanes, limit
-        self.releases = releases
+        self.releases, self.enough = releases, enough
         self.z = np.array(z)
         fits, p = len(z), len(problem.active)
         self.begun = np.where(np.isnan(begun), z, begun)
@@ -226,7 +226,7 @@ class _Search:
         self._stop(moved & ~self.at.finite, NO_NUMBERS)
         # the longest element of the Gauss–Newton step that is left
         left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
-        lowest = self.at.promised <= COST_TOLERANCE * 2 * np.abs(self.at.cost)
+        lowest = self.at.promised <= COST_TOLERANCE * 2 * np.abs(self.at.cost) + self.enough
         arrived = moved & self.going & ((left <= STEP_TOLERANCE) | lowest)
         silent = arrived & np.any(self.at.silent & ~self._frozen, axis=1)
         far = silent[:, None] & self.at.silent & (self._way > NEARLY) & ~self._frozen
@@ -329,6 +329,7 @@ def search(
     lanes: Lanes | None = None,
     limit: int = MOST,
     releases: int = RELEASES,
+    enough: float = 0.0,
 ) -> Ends:
     """Minimise from each z.
 
@@ -340,12 +341,14 @@ def search(
         lanes: what differs between fits.
         limit: of the steps.
         releases: how often an element is taken back from the end of its range.
+        enough: how far above its minimum a cost may end.
     """
     z = np.array(np.atleast_2d(z), float)
     lanes = lanes or Lanes()
     if optimiser == "adam":
         z = _by_adam(problem, z, lanes)
-    state = _Search(problem, z, np.nan if begun is None else begun, fixed, lanes, limit, releases)
+    begun_at = np.nan if begun is None else begun
+    state = _Search(problem, z, begun_at, fixed, lanes, limit, releases, enough)
     state.evaluations += len(z) * ADAM_STEPS * (optimiser == "adam")
     if len(problem.active):
         method = Marquardt if optimiser == "levenberg-marquardt" else Lbfgs
