@@ -273,7 +273,7 @@ def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
         *("alloy", "two equal spheres", "0.0127", mass, "2.5e+09", "0.3", "1140", "4e+07")
     ]  # fmt: skip
     assert "24 impacts at 0.2 to 30 m/s, uncertainty of the restitution 0.01" in report
-    assert "Walton–Braun fitted to 24 impacts on alloy: k20 = " in " ".join(alloy.out.split())
+    assert "Walton–Braun fitted to 24 impacts on alloy: k20 = " in " ".join(str(fit).split())
 
 
 def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
