@@ -1,4 +1,7 @@
-"""The coefficient of restitution over impact velocities, by either route."""
+"""The coefficient of restitution over impact velocities, by either route.
+
+`engine/impact.py` begins with the way of one call, from here to a law's formula.
+"""
 
 from typing import NamedTuple
 
