@@ -22,7 +22,7 @@ def test_files_as_programs_save_them(read, encoding, newline):
 
 
 @drawn(
-    120,
+    80,
     points=st.lists(
         st.tuples(st.floats(0.01, 50.0), st.floats(0.05, 0.99), st.floats(1e-3, 0.1)),
         min_size=1,

@@ -87,7 +87,7 @@ def csv_texts(draw):
 PUNCTUATION = st.text(alphabet="v,e;\t\n\r\"'#[]{}=.1 -\ufeff\x1b", max_size=60).map(str.encode)
 
 
-@some_and_many(100, st.binary(max_size=200) | PUNCTUATION | csv_texts())
+@some_and_many(60, st.binary(max_size=200) | PUNCTUATION | csv_texts())
 def test_any_bytes(tmp_path, raw):
     for name, read in (("a.csv", cal.read_csv), ("a.toml", cal.read_toml)):
         (tmp_path / name).write_bytes(raw)
@@ -129,7 +129,7 @@ def as_toml(value):
 GOOD = {"material": "nylon", "radius": 0.01, "data": "a.csv"}
 
 
-@some_and_many(80, st.lists(st.dictionaries(KEYS, VALUES, max_size=6), min_size=1, max_size=2))
+@some_and_many(50, st.lists(st.dictionaries(KEYS, VALUES, max_size=6), min_size=1, max_size=2))
 def test_any_material_file(tmp_path, materials):
     (tmp_path / "a.csv").write_text("velocity,restitution\n1.0,0.9\n1.0,0.8\n2.0,0.7\n")
     lines = []
@@ -144,7 +144,7 @@ CELLS = st.floats() | st.floats(0.1, 1.0)
 COLUMNS = st.dictionaries(HEADERS, st.lists(CELLS, max_size=5), max_size=4)
 
 
-@some_and_many(80, st.tuples(SETS, COLUMNS, st.lists(CELLS, min_size=4, max_size=4)))
+@some_and_many(50, st.tuples(SETS, COLUMNS, st.lists(CELLS, min_size=4, max_size=4)))
 def test_any_table(tmp_path, table):
     names, others, values = table
     accepted_or_one_line(cal.RestitutionData.from_table, others | dict.fromkeys(names, values))
@@ -167,7 +167,7 @@ ENTRY = st.tuples(st.integers(0, 10_000), ENTRIES, st.sampled_from([False, False
 CUT = st.tuples(st.integers(0, 100_000), st.binary(max_size=3))
 
 
-@some_and_many(150, st.lists(ENTRY, min_size=1, max_size=2) | st.lists(CUT, min_size=1, max_size=4))
+@some_and_many(100, st.lists(ENTRY, min_size=1, max_size=2) | st.lists(CUT, min_size=1, max_size=4))
 def test_any_result(tmp_path, changes):
     table, raw = genuine(), json.dumps(genuine()).encode()
     for place, new, *out in changes:

@@ -15,6 +15,7 @@ from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
+from calibration import plots
 from calibration.rounding import with_error
 from tests.cases import pair
 from tests.decay import Decay
@@ -533,6 +534,6 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
 def test_titles_of_correlations_are_inside_the_picture(main_job, tmp_path):
     figure = main_job.figures["correlation.png"]
     assert "blue: positive, orange: negative" in figure.get_supxlabel()
-    cal.FitResult.load(main_job.folder / "fit.json").report(tmp_path)
+    plots.save(figure, tmp_path / "correlation.png")
     edge = imread(tmp_path / "correlation.png")[:5, :, :3]
     assert np.all(edge == 1.0)  # nothing is cut at the upper edge
