@@ -51,77 +51,53 @@ class Case(NamedTuple):
 
 def _case(law, formula, velocity, status, route, invalid, scale=1.0):
     status = status if isinstance(status, tuple) else (status,) * len(velocity)
-    return Case(law, formula, scale * np.array(velocity), status, route, invalid)
+    wrong = invalid, 1.5 if invalid == "restitution" else -1.0
+    return Case(law, formula, scale * np.array(velocity), status, route, wrong)
 
 
-def _dashpots(end):
-    formulas = (partial(f, end=end) for f in (exact.linear_dashpot, exact.hertz_dashpot))
-    laws = sj.LinearSpringDashpot(PAIR, 1e6, 0.6, end), sj.HertzDashpot(PAIR, 0.6, end)
-    some = [1e-4, 0.7, 30.0]
-    bad = ("restitution", 1.5)
-    return [_case(a, f, some, PLAIN, KNOWN, bad) for a, f in zip(laws, formulas, strict=True)]
+def _zhou(form):
+    law, y = fitted("nylon", form), [0.5, 1.02, 6.0, 40.0]
+    status, scale = (ELASTIC, GAIN, PLAIN, PLAIN), float(law.contact.critical_velocity)
+    return _case(law, partial(exact.zhou, form=form), y, status, ENERGY, "chi", scale)
 
 
-def _zhou(form, status):
-    law = fitted("nylon", form)
-    scale, y = float(law.contact.critical_velocity), [0.5, 1.02, 6.0, 40.0]
-    formula = partial(exact.zhou, form=form)
-    return _case(law, formula, y, status, ENERGY, ("chi", -1.0), scale)
+def _thornton():
+    law, y, status = sj.Thornton(PAIR, 1.3), [0.4, 1.2, 30.0], (ELASTIC, PLAIN, PLAIN)
+    scale = float(law.elastic_velocity())
+    return _case(law, exact.thornton, y, status, ENERGY, "yield_factor", scale)
 
 
-_THORNTON = sj.Thornton(PAIR, 1.3)
-_YIELD = float(_THORNTON.elastic_velocity())
+_WIDE, _SOME, _SPRING = [1e-3, 1.0, 1e4], [1e-4, 0.7, 30.0], (1.2e6, 3.0e6, 2e4)
+_VISCOUS, _EQ_17 = sj.ViscoelasticHertz(PAIR, TIME), sj.EmpiricalRestitution(340.0, 3.0432, 0.54)
 LAWS = {
-    "hertz": _case(
-        sj.Hertz(PAIR), exact.hertz, [1e-3, 1.0, 1e4], ELASTIC, ENERGY, ("radius", -1.0)
-    ),
-    "thornton": _case(
-        _THORNTON,
-        exact.thornton,
-        [0.4, 1.2, 30.0],
-        (ELASTIC, PLAIN, PLAIN),
-        ENERGY,
-        ("yield_factor", -1.0),
-        _YIELD,
-    ),
+    "hertz": _case(sj.Hertz(PAIR), exact.hertz, _WIDE, ELASTIC, ENERGY, "radius"),
+    "thornton": _thornton(),
     "walton-braun": _case(
-        sj.WaltonBraun(PAIR, 1.2e6, 3.0e6, growth=2e4),
+        sj.WaltonBraun(PAIR, *_SPRING),
         exact.walton_braun,
         [1e-4, 0.1, 20.0],
         PLAIN,
         ENERGY,
-        ("growth", -1.0),
+        "growth",
     ),
     "viscoelastic": _case(
-        sj.ViscoelasticHertz(PAIR, TIME),
-        exact.viscoelastic,
-        [1e-6, 1.0, 30.0],
-        PLAIN,
-        KNOWN,
-        ("dissipation_time", -1.0),
+        _VISCOUS, exact.viscoelastic, [1e-6, 1.0, 30.0], PLAIN, KNOWN, "dissipation_time"
     ),
-    "zhou": _zhou("first-order", (ELASTIC, GAIN, PLAIN, PLAIN)),
-    "zhou full": _zhou("full", (ELASTIC, GAIN, PLAIN, PLAIN)),
+    "zhou": _zhou("first-order"),
+    "zhou full": _zhou("full"),
     "constant": _case(
-        sj.ConstantRestitution(PAIR, 0.9),
-        exact.hard,
-        [1e-3, 1.0, 1e4],
-        PLAIN,
-        ENERGY,
-        ("restitution", 1.5),
+        sj.ConstantRestitution(PAIR, 0.9), exact.hard, _WIDE, PLAIN, ENERGY, "restitution"
     ),
-    "eq. 17": _case(
-        sj.EmpiricalRestitution(340.0, 3.0432, 0.54),
-        exact.hard,
-        [1e-6, 1.0, 339.0],
-        PLAIN,
-        ENERGY,
-        ("psi", 0.0),
-    ),
+    "eq. 17": _case(_EQ_17, exact.hard, [1e-6, 1.0, 339.0], PLAIN, ENERGY, "psi"),
 }
 for _end in ("zero-overlap", "zero-force"):
-    for _name, _row in zip(("linear dashpot", "hertz dashpot"), _dashpots(_end), strict=True):
-        LAWS[f"{_name} to {_end}"] = _row
+    for _name, _law in (
+        ("linear_dashpot", sj.LinearSpringDashpot(PAIR, 1e6, 0.6, _end)),
+        ("hertz_dashpot", sj.HertzDashpot(PAIR, 0.6, _end)),
+    ):
+        LAWS[f"{_name.replace('_', ' ')} to {_end}"] = _case(
+            _law, partial(getattr(exact, _name), end=_end), _SOME, PLAIN, KNOWN, "restitution"
+        )
 WITH_FORCE = [name for name, case in LAWS.items() if not isinstance(case.law, sj.HardSphereLaw)]
 SIZE, SMALL = 96, 16  # impacts of a batch
 SYMBOLS = {  # of Zhou's law and the velocity, as the reference collisions call them
