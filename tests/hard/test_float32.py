@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -117,15 +116,10 @@ class Squared(sj.RateIndependentLaw):
         return self.n**2 * overlap
 
 
-@pytest.mark.long
 def test_whole_numbers_of_a_law_do_not_overflow():
     """n² is beyond what 32 bits hold of whole numbers; δ_max = v √M/n."""
     pair = cases.pair("stainless steel")
     with jax.enable_x64(False):
-        many = sj.restitution(Squared(pair, jnp.array([100_000, 200_000])), 1.0)
-        traced = jax.jit(sj.restitution)(Squared(pair, 100_000), 1.0)
-        of_traced = jax.jit(lambda n: sj.restitution(Squared(pair, n), 1.0))(100_000)
-    one = np.sqrt(pair.mass) / 100_000
-    for found, expected in ((many, [one, one / 2]), (traced, one), (of_traced, one)):
-        assert found.peak_overlap.dtype == np.float32
-        assert np.allclose(found.peak_overlap, expected, rtol=1e-6, atol=0)
+        found = jax.jit(lambda n: sj.restitution(Squared(pair, n), 1.0))(100_000)
+    assert found.peak_overlap.dtype == np.float32
+    assert np.allclose(found.peak_overlap, np.sqrt(pair.mass) / 100_000, rtol=1e-6, atol=0)

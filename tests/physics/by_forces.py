@@ -10,7 +10,7 @@ collisions solved by hand, and by closed works, bisection and quadrature of all 
 """
 
 import itertools
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,25 +49,8 @@ NAMES = tuple(DEFAULTS)
 
 
 class Forces(sj.RateIndependentLaw):
-    few: ClassVar[bool] = False
-    contact: sj.Contact
-    elastic: float
-    slope: float
-    power: float
-    kink: float
-    more: float
-    bend: float
-    pull: float
-    snap: float
-    end: float
-    shape: float
-    rest: float
-    gap: float
-    sharp: float
-    back: float
-    floor: float
-    jolt: float
-    declared: float
+    __annotations__ = {"contact": sj.Contact} | dict.fromkeys(NAMES, float)
+    few = False
 
     def elastic_overlap(self):
         return jnp.where(self.declared > 0, self.elastic, 0.0) * LENGTH

@@ -12,8 +12,6 @@ PAIR = pair("stainless steel")
 LAWS = {
     "zhou": fitted("stainless steel"),
     "thornton": sj.Thornton(pair("stainless steel", "hertz"), 2.8),
-    "walton-braun": sj.WaltonBraun(PAIR, 4e7, 6e7, 100.0),
-    "viscoelastic": sj.ViscoelasticHertz(PAIR, 2e-6),
     "hertz-dashpot": sj.HertzDashpot(PAIR, 0.8, end="zero-force"),
 }
 VELOCITY = np.array([0.1, 1.0, 5.0])
@@ -40,11 +38,8 @@ def rebound(law, velocity, steps, **options):
 def test_an_impact_that_is_stepped_rebounds_as_the_law_does(name):
     law = LAWS[name]
     found = jax.jit(lambda v: rebound(law, v, 1000))(jnp.asarray(VELOCITY))
-    if hasattr(law, "end"):  # constant ε, but with the end that never pulls
-        expected = sj.restitution(law, VELOCITY, sj.ODE()).coefficient
-    else:
-        expected = sj.restitution(law, VELOCITY).coefficient
     memory = isinstance(law, sj.RateIndependentLaw)
+    expected = sj.restitution(law, VELOCITY).coefficient
     np.testing.assert_allclose(found, expected, atol=5e-6 if memory else 2e-3)
 
 
@@ -65,7 +60,7 @@ def test_its_gradient_is_that_of_the_restitution():
 
 
 def test_apart_there_is_no_force_and_no_memory():
-    overlap, law = jnp.array([-1e-6, 0.0]), LAWS["walton-braun"]
+    overlap, law = jnp.array([-1e-6, 0.0]), LAWS["zhou"]
     of = lambda x: sj.contact_force(law, x, 1.0, 1e-5)  # noqa: E731
     (force, memory), (slope, _) = jax.jit(lambda x: jax.jvp(of, (x,), (jnp.ones(2),)))(overlap)
     np.testing.assert_array_equal(force, 0)
