@@ -134,7 +134,7 @@ def test_weights_make_the_mixture_predict_best_and_ties_are_below_two_standard_e
     assert score(found) <= best.fun + 1e-8
     assert np.max(found) < 1  # a mixture, else any rule would do
     of = type(comparison.entries[0].delta_elpd)
-    ties = [of(value, 1.0).is_tie for value in (-1.99, -2.01, 0.0)]
+    ties = [of(value, 0.5).is_tie for value in (-0.99, -1.01, 0.0)]
     assert ties == [True, False, True]
 
 
