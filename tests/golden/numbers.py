@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 PHYSICS, ESTIMATE, ERROR = "physics", "estimate", "error"
-RELATIVE = 1e-9  # of physics: restitutions, ln L at given parameters, numbers of exports
+RELATIVE = 1e-9  # of physics: restitutions, ln L at given parameters
 OF_ERROR = {ESTIMATE: 1e-4, ERROR: 1e-3}  # of the standard error
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.])")
 SCENARIOS: dict[str, "Scenario"] = {}
