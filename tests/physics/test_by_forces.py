@@ -10,19 +10,7 @@ import pytest
 import softjax as sj
 from tests import laws
 from tests.physics import by_forces
-from tests.physics.by_forces import (
-    HOLE,
-    JUMPING,
-    LENGTH,
-    PULLED,
-    STEEL,
-    Columns,
-    Drawn,
-    Forces,
-    Impact,
-    columns,
-    duration,
-)
+from tests.physics.by_forces import LENGTH, STEEL, Columns, Drawn, Forces, Impact, columns
 
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
 over_routes = pytest.mark.parametrize("route", ROUTES)
@@ -83,7 +71,7 @@ def test_collisions_solved_by_hand(route):
     squared, peak, residual, flags, tolerance, time = (
         np.array([getattr(row, name) for row in HAND], float) for name in Impact._fields[2:]
     )
-    hole = np.array([row.law.get("shape") == HOLE for row in HAND])
+    hole = np.array([row.law.get("shape") == by_forces.HOLE for row in HAND])
     sure = ~(hole & has(hit, "SOLVER_FAILED"))  # it may give up, but says so
     if route == "ode":
         sure &= flags != int(sj.Status.INEXACT)
@@ -114,7 +102,8 @@ def test_slopes_of_a_zero_that_is_searched_for():
 
 @lru_cache
 def pulled():
-    fields, velocity = columns([law for law, _ in PULLED]), np.array([v for _, v in PULLED])
+    rows, speeds = zip(*by_forces.PULLED, strict=True)
+    fields, velocity = columns(rows), np.array(speeds)
     return fields, velocity, by_forces.answers(fields, velocity)
 
 
@@ -125,7 +114,7 @@ def test_forces_that_pull_and_jump(route):
     found = solved(fields, velocity, route)
     peak, error = found.peak_overlap, off(found, exact)[0]
     sure = ~has(found, "INEXACT")
-    pulls, jumps = fields.pull + fields.snap > 0, fields.kink == JUMPING["kink"]
+    pulls, jumps = fields.pull + fields.snap > 0, fields.kink == by_forces.JUMPING["kink"]
     assert np.all(sure[jumps | pulls & ((fields.snap == 0) | (velocity == 1))])
     assert np.all(error[sure] < 1e-7 * exact.squared[sure]), error
     assert np.all(error[jumps] < 1e-8 * exact.squared[jumps]), error
@@ -162,7 +151,7 @@ def test_drawn_laws_with_all_kinks_declared(route, bound):
         assert not np.any(has(result, name))
     assert np.array_equal(has(result, "NO_RESIDUAL_OVERLAP"), yields & (exact.residual == 0))
     for k in np.flatnonzero(yields)[: 12 * (route == "ode")]:
-        time = duration(FIELDS.take(k), VELOCITY[k], exact.peak[k], exact.residual[k])
+        time = by_forces.duration(FIELDS.take(k), VELOCITY[k], exact.peak[k], exact.residual[k])
         assert result.duration[k] == pytest.approx(time * LENGTH, rel=2e-7)
 
 
