@@ -263,7 +263,9 @@ def _identified(data, by_name: dict[str, Parameter], model: LawModel, options):
     moves = any(by_name[n].free for leaf in MOVE_YIELD if (n := OF_CONTACT + leaf) in by_name)
     below = (data.velocity <= _highest_yield(data.contact, by_name))[measured]
     if np.all(below) and not moves and not data.observed:
-        return by_name | dict.fromkeys(LINE if {*LINE} & {*by_name} else ("chi",), fixed), model
+        names = LINE if {*LINE} & {*by_name} else ("chi",)
+        held = {name: p for name, p in by_name.items() if name in names and not p.free}
+        return by_name | dict.fromkeys(names, fixed) | held, model
     stated = {"sigma", "psi", "eps_up"} & {*by_name}
     if stated or np.any(below) or several_yields(data.contact):
         return by_name, model

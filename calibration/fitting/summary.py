@@ -115,7 +115,7 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
     free = {e.name for e in fit.component.elements if g in e.sets}
     with_prior = {e.name for e in fit.component.elements if e.parameter.prior is not None}
     needs_below = spec.by_eps_up or ({"sigma", "psi"} & free) - with_prior
-    above_is_open = "chi" in {local.name for local in spec.local if local.parameter.value is None}
+    above_is_open = {"chi", *LINE} & {e.name for e in spec.local if e.parameter.value is None}
     several = not spec.by_eps_up and several_yields(spec.data.contact)
     knows_below = bool(np.any(below)) or not needs_below or several
     chi_told = not np.all(below) or not ({"chi", "c1", "c2"} & free or above_is_open)
@@ -245,7 +245,9 @@ def derived_of(fit: ComponentFit, g: int, confidence: float) -> dict[str, Estima
     if not (spec.by_eps_up or several_yields(spec.data.contact)):
         derived["eps_up"] = _carried(fit, g, eps_up_of, confidence, 1.0)
     if "chi" not in spec.model.parameters:
-        derived["chi"] = _carried(fit, g, chi_of, confidence, np.inf)
+        told = np.isinf(_determined_between(fit, g)[1])
+        chi = _carried(fit, g, chi_of, confidence, np.inf)
+        derived["chi"] = chi if told else Estimate(None, method="derived")
     return derived
 
 

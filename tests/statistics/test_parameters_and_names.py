@@ -157,3 +157,23 @@ def test_a_failure_inside_a_law_is_no_refusal_of_the_data():
     """It goes on as what it is, not as "another law is needed"."""
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
         cal.compare(decays(1)[0], ["constant", Singular])
+
+
+RATIO = float(STEEL.yield_ratio)
+UNLOADING = {
+    "chi": ({"chi": 1.8}, 1.8),
+    "line": ({"c1": 0.03, "c2": 0.0045}, 0.03 + 0.0045 * RATIO),
+    "half a line": ({"c1": 0.03}, None),
+    "a guess": ({"chi": cal.Parameter(1.8)}, None),
+}
+
+
+@pytest.mark.parametrize("stated", UNLOADING)
+def test_what_is_stated_of_unloading_holds_where_no_point_yields(stated):
+    parameters, chi = UNLOADING[stated]
+    v = np.linspace(0.1, 0.95, 12) * V_CR
+    data = cal.RestitutionData(v, 1 - 0.1 * v / V_CR, STEEL, uncertainty=0.01)
+    result = cal.fit(data, None, parameters, **QUICK)
+    assert result.values["chi"] == (None if chi is None else pytest.approx(chi, rel=1e-12))
+    assert "χ̃" in str(result)
+    assert result.determined([0.5 * V_CR, 2 * V_CR]).tolist() == [True, chi is not None]
