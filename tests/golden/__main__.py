@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import softjax as sj
-from tests.golden import errors, studies  # noqa: F401  they add their scenarios
+from tests.golden import errors, studies, written  # noqa: F401  they add their scenarios
 from tests.golden.numbers import SCENARIOS, Numbers, differences, renewed, to_text
 from tests.shown.capture import drawn
 

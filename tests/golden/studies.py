@@ -111,12 +111,17 @@ def record_command(numbers, words, out, name=""):
     record_json(numbers, out / "fit.json", name)
     tables = markdown_tables((out / "report.md").read_text(encoding="utf-8"))
     rows = [row for header, *rows in tables if "seconds" not in header for row in rows]
+    record_table(numbers, rows, f"{name}report: ")
+
+
+def record_table(numbers, rows, name):
+    """Each row by its label, the first of its cells that is not empty."""
     seen: dict[str, int] = {}
     for label, *cells in ([cell for cell in row if cell] for row in rows):
         seen[label] = seen.get(label, 0) + 1
         again = f" ({seen[label]})" if seen[label] > 1 else ""
         found = [c for c in cells if not ROUNDING.fullmatch(c)]
-        numbers.printed(f"{name}report: {label}{again}", found)
+        numbers.printed(f"{name}{label}{again}", found)
 
 
 def record_json(numbers, path, name=""):
