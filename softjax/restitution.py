@@ -1,7 +1,4 @@
-"""The coefficient of restitution over impact velocities, by either route.
-
-`engine/impact.py` begins with the way of one call, from here to a law's formula.
-"""
+"""The coefficient of restitution over impact velocities; `engine.impact` begins with the way of one call."""
 
 from typing import NamedTuple
 

@@ -6,9 +6,8 @@ The way of one call, `sj.restitution(law, velocity, route)`:
       collisions               this file: `prepare`, a collision of each impact, `results` with ε and the status
         route.collide          takes `law.reduced_at(velocity)`: forces and velocities without units
           in_closed_form       of arrays, where the law knows its peak, release and work; else one impact by
-          over_impacts         one `vmap`, in rows; the ODE's derivatives are taken here. One impact is
-            by_quadrature      of a rate-independent law by its works, or by its motion
-            rate_independent   loading by `encke` or stages in `phase`, unloading by `falls`; with damping
+          over_impacts         one `vmap`, in rows, with the ODE's derivatives. One impact is `by_quadrature`, or
+            rate_independent   loading by `encke` or stages in `phase`, unloading by `falls`
             rate_dependent     both in `phase`
               bridge.solve     steps by diffrax's methods
             outcome.assemble   makes a `Collision`, flags included, of `Peak`, `UnloadingEnd` and `Rebound`
