@@ -76,7 +76,7 @@ def test_materials_without_x64(form):
 
 
 @over_forms
-@over_routes
+@pytest.mark.parametrize("route", [sj.EnergyBalance(), sj.ODE(rtol=1e-6)], ids=["energy", "ode"])
 def test_no_hidden_float64(form, route):
     """Nothing in the traced computation is wider than what went in, gradient included."""
 
@@ -91,6 +91,18 @@ def test_no_hidden_float64(form, route):
     assert any(kind.dtype == np.float32 for kind in floats)
     # a choice between two Python numbers is weakly typed: it widens nothing that it meets
     assert [kind for kind in floats if kind.dtype != np.float32 and not kind.weak_type] == []
+
+
+def test_slopes_of_stages_by_the_equation_of_motion():
+    """ε = √(k1/k2): ∂ε/∂k2 = -ε/(2 k2)."""
+    pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, cases.RADIUS, cases.RADIUS)
+    law = jax.tree.map(np.float32, sj.WaltonBraun(pair, 1e6, 2e6))
+    slope = jax.grad(
+        lambda law: sj.restitution(law, np.float32(1.0), sj.ODE(rtol=1e-6)).coefficient
+    )
+    found = slope(law).unloading_stiffness
+    assert found.dtype == np.float32
+    assert found * 4e6 == pytest.approx(-(0.5**0.5), rel=1e-5)
 
 
 def equations(jaxpr):
