@@ -26,6 +26,32 @@ def files() -> set[str]:
     return {path.name for path in Path("results").iterdir()}
 
 
+UNLIKE = (
+    BODIES.replace("radius = 0.0127", "radius_1 = 0.006\nradius_2 = 0.004\ndata = 'd.csv'")
+    + """
+[material.second]
+youngs_modulus = 5e9
+poisson_ratio = 0.35
+density = 2700
+yield_strength = 9e7
+"""
+)
+
+
+def test_unlike_spheres_have_properties_of_their_own(at):
+    """ε has no unit of length, nor of mass: both radii, and both densities with all pressures, cancel."""
+    (at / "unlike.toml").write_text(UNLIKE, encoding="utf-8")
+    (at / "d.csv").write_text("velocity,restitution\n0.1,0.8\n5,0.7\n", encoding="utf-8")
+    law = ("--chi", "2", "--sigma", "1", "--psi", "0.5")
+    slopes = saved("unlike.toml", *law, "--study", "local", "--at", "5")["local"]
+    slopes = {name: slope[0] for name, slope in slopes["theta_d_epsilon_d_theta"].items()}
+    of = lambda *names: sum(slopes[f"{n}_{k}"] for n in names for k in (1, 2))  # noqa: E731
+    assert slopes["radius_1"] == pytest.approx(-slopes["radius_2"], rel=1e-6)
+    assert abs(slopes["radius_1"]) > 1e-4
+    assert of("youngs_modulus", "yield_strength", "density") == pytest.approx(0.0, abs=1e-9)
+    assert slopes["yield_strength_2"] == 0.0
+
+
 def test_parameters_are_freed_and_fixed_as_requested(at):
     options = ("nylon", "--study", "information", "--from", "0.2")
     known = saved(*options, "--free", "yield_strength=4e5", "--fix", "psi")["information"]
