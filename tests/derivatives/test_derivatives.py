@@ -62,7 +62,8 @@ def test_first_derivatives_of_laws(name, route, lasting):
     size = np.where(exact > 0, np.abs(exact), 1.0).T
     size[0] = 1.0
     size[2] = np.maximum(size[1], 1e-300)  # an overlap left is known to rounding of the peak
-    tolerance = 1e-9 if route == PRECISE else 2e-12 if (name, route) not in UNTIMED else 1e-10
+    untimed = (name, route) in UNTIMED
+    tolerance = 1e-9 if route == PRECISE else 1e-11 if untimed and lasting else 2e-12
     values, _, modes = solved(name, route, lasting)
     each = len(values)
     assert np.all(np.abs(values[:, :count] - exact.T[:each]) <= tolerance * size[:each])

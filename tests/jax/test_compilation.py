@@ -96,6 +96,7 @@ def test_a_traced_tolerance(compiled):
     assert np.allclose(strict.coefficient, exact.coefficient, rtol=0, atol=1e-12)
     assert np.allclose(lasts, exact.duration, rtol=1e-11, atol=0)
     assert np.all(at_once.status[2] == sj.Status.SOLVER_FAILED)
+    assert jax.grad(lambda rtol: by(rtol).coefficient.sum())(1e-6) == 0
 
 
 def test_a_history_compiles_one_program(compiled):

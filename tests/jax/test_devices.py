@@ -189,7 +189,7 @@ def test_devices_under_shard_map_and_one_that_is_chosen():
     by_time = lambda v: sj.restitution(damped, v, sj.ODE(steps=2)).coefficient  # noqa: E731
     with pytest.raises(ValueError, match="check_vma=False"):
         mapped(by_time)
-    assert np.allclose(mapped(by_time, check_vma=False), 0.9, rtol=1e-3)
+    assert np.allclose(mapped(by_time, check_vma=False), by_time(velocity), rtol=1e-12)
 
 
 @pytest.mark.long

@@ -1,5 +1,7 @@
 """Fields that all impacts share: a network's weights and a table's entries beside numbers of each impact."""
 
+import itertools
+
 import diffrax
 import equinox as eqx
 import jax
@@ -161,36 +163,53 @@ def test_a_network(route):
 
 def gradient_and_hessian(f):
     """In one program."""
-    gradients = lambda x: (jax.jacrev(f)(x),) * 2  # noqa: E731
-    return jax.jacfwd(gradients, has_aux=True)
+
+    def gradients(x):
+        first = jax.jacrev(f)(x)
+        return first, first
+
+    def both(x):
+        second, first = jax.jacfwd(gradients, has_aux=True)(x)
+        return first, second
+
+    return both
+
+
+DERIVATIVES = {"jacfwd": jax.jacfwd, "jacrev": jax.jacrev, "hessian": gradient_and_hessian}
 
 
 @pytest.mark.parametrize(
-    ("count", "stacked"),
-    [(8, False), *(pytest.param(n, True, marks=LONG) for n in (8, 128))],
+    ("count", "mode", "stacked"),
+    [
+        pytest.param(*case, marks=() if case == (8, "hessian", False) else LONG)
+        for case in itertools.product((8, 128), DERIVATIVES, (True, False))
+    ],
 )
-def test_derivatives_by_every_weight(count, stacked):
+def test_derivatives_by_every_weight(count, mode, stacked):
     """Of ε by the equation of motion, against those of Gauss's rule; of several networks under `vmap`."""
-    velocity = VELOCITY if stacked else VELOCITY[1]
+
     route = sj.ODE() if stacked else sj.ODE(rtol=1e-9, solver="bosh3")  # some hundred steps
 
     def total(weights):
-        return sj.restitution(Layered(STEEL, weights), velocity, route).coefficient.sum()
+        return sj.restitution(Layered(STEEL, weights), VELOCITY, route).coefficient.sum()
 
     def exact(weights):
-        return by_gauss(Layered(STEEL, weights), np.atleast_1d(velocity)).sum()
+        return by_gauss(Layered(STEEL, weights)).sum()
 
     weights = 0.5 * np.random.default_rng(count).normal(size=(2, count))
     weights = weights if stacked else weights[0]
     mapped = jax.vmap if stacked else lambda f: f
-    both = (jax.jit(mapped(gradient_and_hessian(f)))(weights) for f in (total, exact))
+    both = (jax.jit(mapped(DERIVATIVES[mode](f)))(weights) for f in (total, exact))
     for found, expected in zip(*map(jax.tree.leaves, both), strict=True):
+        assert found.shape == expected.shape
         assert np.max(np.abs(found - expected)) < 1e-6 * np.max(np.abs(expected))
 
 
 DASHPOTS = [
     (sj.ODE(rtol=1e-9, solver="bosh3"), "zero-overlap", 1e-6),  # some hundred steps
     (sj.ODE(), "zero-force", 1e-6),
+    (sj.ODE(rtol=1e-9, solver="tsit5"), "zero-overlap", 1e-6),
+    (sj.ODE(solver="dopri5", steps=100), "zero-overlap", 1e-6),
     (sj.ODE(solver=diffrax.Euler(), steps=4000), "zero-force", 1e-2),
 ]
 

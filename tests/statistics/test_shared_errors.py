@@ -26,7 +26,7 @@ def restricted(matrix, e):
 @pytest.mark.parametrize("stated", [True, False])
 def test_variances_of_trains_are_those_of_the_largest_restricted_likelihood(stated, tmp_path):
     """Six launches of a ball whose ε is 0.9; estimate by least squares; the file keeps all of it."""
-    random = np.random.default_rng(2)
+    random = np.random.default_rng(6)
     times = random.uniform(0.5, 0.7, 6)[:, None] * 0.9 ** np.arange(7)
     times = times + TIMING * random.standard_normal((6, 7))
     table = {"launch": np.repeat([f"l{k}" for k in range(6)], 7), "interval": times.ravel()}
@@ -67,7 +67,7 @@ def test_variances_of_trains_are_those_of_the_largest_restricted_likelihood(stat
     assert np.max(found) > 1e-10  # something is to be found
     assert cost(np.log(found)) <= best + 1e-5
     if not stated:
-        assert material.timing == pytest.approx(TIMING, rel=0.35)
+        assert material.timing == pytest.approx(TIMING, rel=0.3)
     weight = np.linalg.solve(matrix(found), np.ones(36))
     assert result.values["restitution"] == pytest.approx(weight @ e / np.sum(weight), rel=1e-8)
     known = np.sum(weight) ** -0.5
