@@ -245,9 +245,9 @@ def derived_of(fit: ComponentFit, g: int, confidence: float) -> dict[str, Estima
     if not (spec.by_eps_up or several_yields(spec.data.contact)):
         derived["eps_up"] = _carried(fit, g, eps_up_of, confidence, 1.0)
     if "chi" not in spec.model.parameters:
-        told = np.isinf(_determined_between(fit, g)[1])
-        chi = _carried(fit, g, chi_of, confidence, np.inf)
-        derived["chi"] = chi if told else Estimate(None, method="derived")
+        derived["chi"] = Estimate(None, method="derived")
+        if np.isinf(_determined_between(fit, g)[1]):
+            derived["chi"] = _carried(fit, g, chi_of, confidence, np.inf)
     return derived
 
 

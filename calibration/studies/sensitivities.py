@@ -286,12 +286,13 @@ def sobol_indices(
     if not np.any(varies):
         accepted = "wide enough for the output to vary"
         raise DataError("ranges", f"such that it is {mean[0]:.6g} everywhere", accepted)
-    drawn = [np.full((1, samples), 1 / samples)]
+    found = [_indices(np.full((1, samples), 1 / samples), f_a, f_b, f_ab)]
     for begun in range(0, resamples, RESAMPLED):
         rows = range(min(RESAMPLED, resamples - begun))
         picked = (random.integers(0, samples, samples) for _ in rows)
-        drawn.append(np.array([np.bincount(k, minlength=samples) for k in picked]) / samples)
-    indices = np.concatenate([_indices(share, f_a, f_b, f_ab) for share in drawn], axis=2)
+        share = np.array([np.bincount(k, minlength=samples) for k in picked]) / samples
+        found.append(_indices(share, f_a, f_b, f_ab))
+    indices = np.concatenate(found, axis=2)
     part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
     limits = np.quantile(indices[:, :, 1:], part, axis=2)
     tables = {}

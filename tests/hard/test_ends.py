@@ -87,6 +87,32 @@ def test_closed_forms_are_never_nan(law, dtype, order):
         assert not np.any(np.isnan(found))
 
 
+@pytest.mark.parametrize(
+    "route", [None, pytest.param(sj.ODE(rtol=1e-6), marks=pytest.mark.long)], ids=["energy", "ode"]
+)
+def test_slow_impacts_on_a_growing_spring_in_float32(route):
+    """ε² = k1/(k20 + s v √(k1 M)) with s = 1e12, and its slopes, from 1e-12 m/s on."""
+    velocity = np.array([1e-12, 1e-9, 1e-6, 1.0], np.float32)
+    law = sj.WaltonBraun(PAIR, np.full(4, 1e6), 2e6, growth=1e12)
+    short = jax.tree.map(lambda leaf: np.full(4, leaf, np.float32), law)
+
+    @jax.jit
+    def graded(law, v):
+        def total(law, v):
+            found = sj.restitution(law, v, route).coefficient
+            return found.sum(), found
+
+        return jax.value_and_grad(total, argnums=(0, 1), has_aux=True)(law, v)
+
+    (_, found), (by_law, by_velocity) = graded(short, velocity)
+    speed = velocity.astype(float) * np.sqrt(1e6 * PAIR.mass)
+    exact = (1e6 / (2e6 + 1e12 * speed)) ** 0.5
+    slope = -0.5 * exact * 1e12 * speed / (2e6 + 1e12 * speed)  # v ∂ε/∂v and s ∂ε/∂s
+    assert np.allclose(found, exact, rtol=2e-6, atol=0)
+    assert np.allclose(by_velocity * velocity, slope, rtol=1e-5, atol=1e-7)
+    assert np.allclose(by_law.growth * 1e12, slope, rtol=1e-5, atol=1e-7)
+
+
 def test_durations_just_above_yield():
     """A collision one number above v_cr, whose yielded branch is as long as √eps; both precisions."""
     case = LAWS["zhou"]

@@ -1,5 +1,9 @@
 """Local sensitivities against high-precision differences; global indices against SciPy's own."""
 
+import os
+import subprocess
+import sys
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -221,3 +225,22 @@ def test_a_law_that_two_inputs_make_together_is_looked_at_over_their_ranges():
     mean = root(0.9, 1.1, 1.5) * root(1.1, 1.3, 0.5)
     np.testing.assert_allclose(found.mean, mean, rtol=1e-3)
     np.testing.assert_array_equal(found.zeros, 0.0)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="tells the peak of memory")
+def test_a_hundred_thousand_samples_stay_within_a_gibibyte():
+    run = [sys.executable, "-c", MEMORY]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 1.0
+
+
+# `ru_maxrss` would begin with what the process had that started this one
+MEMORY = """
+import calibration as cal, softjax as sj
+law = sj.Zhou(sj.Contact(1.4e9, 0.00635, 0.0049, 4e7, 320.0), 0.22, 0.44, 0.54)
+ranges = {name: (0.9 * x, 1.1 * x) for name, x in cal.of_law(law).values.items()}
+found = cal.sobol_indices(law, ranges, [0.5, 2.0, 20.0], samples=1 << 17)
+status = open("/proc/self/status").read()
+print(int(status.split("VmHWM:")[1].split()[0]) / 2**20)
+"""
