@@ -1,12 +1,12 @@
 """TOML files as pydantic models: every fault has its file and line.
 
-`tomllib` does not say on which line a key stands. A text is cut into statements by its strings,
-comments and brackets in one pass; what a key is called, quoted or dotted, is read by the parser.
+`tomllib` does not say on which line a key stands: it reads what each line alone would begin, once
+texts of several lines are out of the way.
 """
 
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -22,14 +22,7 @@ MOST = 16  # keys that a refusal names
 FAULTS = 20  # that are listed at most
 Place = tuple[str | int, ...]
 Model = TypeVar("Model", bound=Strict)
-# strings of three quotes, of one, comments, and what structures the rest; nothing is tried twice
-TOKEN = re.compile(
-    r'"""(?:[^"\\]++|\\.|"{1,2}(?!"))*+"{0,5}'
-    r"|'''(?:[^']++|'{1,2}(?!'))*+'{0,5}"
-    r'|"(?:[^"\\\n]++|\\.)*+"?'
-    r"|'[^'\n]*+'?|#[^\n]*+|[][{}\n.,=]",
-    re.DOTALL,
-)
+LONG_TEXT = re.compile(r'"""(?:\\.|[^\\])*?"""' r"|'''.*?'''", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -117,45 +110,25 @@ def lines_of(text: str) -> dict[Place, int]:
     lines: dict[Place, int] = {}
     last: dict[Place, int] = {}  # position of the latest entry of each array of tables
     table: Place = ()
-    for line, statement in _statements(text):
-        if statement.lstrip().startswith("["):
-            table = _table_place(tomllib.loads(statement), last)
-            lines.setdefault(table, line)
-        else:
-            lines |= dict.fromkeys(_key_places(tomllib.loads(statement), table), line)
+    one_line_each = LONG_TEXT.sub(lambda match: "\n" * match[0].count("\n"), text)
+    for line, statement in enumerate(one_line_each.split("\n"), start=1):
+        is_header = statement.lstrip().startswith("[")
+        try:
+            inner: Any = tomllib.loads(
+                statement if is_header else statement.partition("=")[0] + "= 0"
+            )
+        except tomllib.TOMLDecodeError:  # within a list
+            continue
+        place = () if is_header else table
+        while isinstance(inner, dict) and inner:
+            ((name, inner),) = inner.items()
+            place = (*place, name)
+            if isinstance(
+                inner, list
+            ):  # `[[material]]` opens the next entry, `[material.wall]` its table
+                last[place] = last.get(place, -1) + 1
+            if place in last:
+                place = (*place, last[place])
+            lines.setdefault(place, line)
+        table = place if is_header else table
     return lines
-
-
-def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """The line and text of each header, and of each key with its value."""
-    line, first, begin, depth = 1, 1, 0, 0
-    for match in TOKEN.finditer(text + "\n"):
-        token = match[0]
-        depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(token, 0)
-        line += token.count("\n")
-        if token == "\n" and not depth:
-            statement = text[begin : match.start()]
-            if statement.strip() and statement.lstrip()[0] != "#":
-                yield first, statement
-            first, begin = line, match.end()
-
-
-def _table_place(parsed: Mapping[str, Any], last: dict[Place, int]) -> Place:
-    """Place of a header: `[[material]]` opens the next entry, `[material.wall]` its table."""
-    place: Place = ()
-    inner: Any = parsed
-    while isinstance(inner, dict) and inner:
-        ((name, inner),) = inner.items()
-        place = (*place, name)
-        if isinstance(inner, list):
-            last[place] = last.get(place, -1) + 1
-        if place in last:
-            place = (*place, last[place])
-    return place
-
-
-def _key_places(parsed: Mapping[str, Any], place: Place) -> Iterator[Place]:
-    for name, value in parsed.items():
-        yield (*place, name)
-        if isinstance(value, dict):
-            yield from _key_places(value, (*place, name))
