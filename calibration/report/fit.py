@@ -64,10 +64,7 @@ PICTURES = {
     "curves.png": "Data, fitted curves with their bands, and residuals below",
     "observables.png": "What else was measured, fitted curves with their bands, and residuals below",
     "profiles.png": "Profile likelihoods: the rise of χ² when one parameter is fixed elsewhere",
-    "correlation.png": (
-        "Correlations of the fitted parameters: ellipses of equal probability, blue and leaning right "
-        "for positive ones, orange and leaning left for negative ones"
-    ),
+    "correlation.png": "Correlations of the fitted parameters",
     "posterior.png": "Draws from the posterior, and the fit with its intervals",
 }
 FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")

@@ -316,15 +316,16 @@ def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overl
     figure = posterior_figure(drawn(**dict.fromkeys(names[:8], (3e8, 1e6))))
     assert figure.get_figwidth() <= 6.4
     last = figure.axes[-1]
-    assert last.get_xlabel() == "p7 [$10^{8}$]"
-    assert last.xaxis.get_major_formatter()(3.05e8, None) == "3.05"
+    assert last.get_xlabel() == "p7"
+    assert last.xaxis.get_major_formatter()(3.05e8, None) == "3.05e+08"
     labels = dict(zip(names, names, strict=True))
     material = SimpleNamespace(name="a", labels=labels, model=decay.materials[0].model)
     result = SimpleNamespace(materials=[material], estimates={})
     result.covariance_names, result.correlations = names, np.full((16, 16), 0.5)
     figure = correlation_figure(result)
     assert figure.get_figwidth() <= 6.4
-    assert len(figure.axes[0].patches) == 16 * 15
+    assert figure.axes[0].images[0].get_array().shape == (16, 16)
+    assert not figure.axes[0].texts  # no room
     owners = ("aluminium alloy 7075", "stainless steel 316")
     names = [f"p{k}[{owner}]" for owner in owners for k in range(4)]
     figure = posterior_figure(drawn(**dict.fromkeys(names, (0.3, 0.1))))
