@@ -113,7 +113,7 @@ Route = Annotated[
     _names(ROUTES),
 ]
 Line = Annotated[
-    Literal["curves", "weighted"] | None,
+    Literal["curves"] | None,
     BeforeValidator(lambda given: None if given == "none" else given),
 ]
 
@@ -157,8 +157,7 @@ class FitOptions(Strict):
     )
     unloading_line: Line = Field(
         default="curves",
-        description="Eq. (18) for several materials of Zhou's law: through all curves, through "
-        "the fitted χ̃ with their weights, or not at all",
+        description="Eq. (18) for several materials of Zhou's law: through all curves, or not at all",
     )
     starts: int = Field(
         default=32, ge=1, description="starts that are screened; the best are refined"

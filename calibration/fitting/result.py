@@ -481,7 +481,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
     ordered = tuple(materials[g] for g in sorted(materials))
     found_warnings += [warning for material in ordered for warning in material.warnings]
     stages = [stage for fit in fits for stage in fit.stages]
-    if line is not None and line[1] is not None:
+    if line is not None:
         stage = replace(line[1], report=replace(line[1].report, stage="Eq. (18)"))
         stages.append(stage)
         if not stage.ends.converged[0]:

@@ -36,17 +36,13 @@ OBJECTIVES = {
     "model": "all parameters at once from the likelihood of all points (`model`)",
 }
 LINE = (
-    "One line for all materials, {}. Its χ̃ follow the data less closely than a χ̃ for each "
-    "material; the table above has the rms of both."
+    "One line for all materials, fitted to all curves at once. Its χ̃ follow the data less closely "
+    "than a χ̃ for each material; the table above has the rms of both."
 )
 LINE_OF_TWO = (
     "One line for both materials. Any two χ̃ lie on a line, so it follows the data as closely as "
     "they do; only a third material can test it."
 )
-LINE_METHODS = {  # a sentence, and the column of the table
-    "curves": ("fitted to all curves at once", "through all curves"),
-    "weighted": ("through the fitted χ̃", "through the fitted χ̃, weighted"),
-}
 CONFIDENCE = (
     "Intervals contain the true value in {:g} % of experiments, if the law is right. Where the noise "
     "is estimated, dof is the number of degrees of freedom of Student's t:"
@@ -323,15 +319,12 @@ def _line(line: Any) -> list[Block]:
     """Coefficients of Eq. (18), fitted to all curves and to the fitted χ̃."""
     if line is None:
         return []
-    words, how = LINE_METHODS[line.method]
     columns = {
         "Eq. (18), χ̃ = c1 + c2 E/Y": ["c1", "c2"],
-        how: [estimate_text(line.c1), estimate_text(line.c2)],
+        "through all curves": [estimate_text(line.c1), estimate_text(line.c2)],
+        "through the fitted χ̃": [estimate_text(line.through_chi[name]) for name in ("c1", "c2")],
     }
-    if line.through_chi:
-        through = [estimate_text(line.through_chi[name]) for name in ("c1", "c2")]
-        columns["through the fitted χ̃"] = through
-    text = LINE.format(words) if len(line.rms) > 2 else LINE_OF_TWO
+    text = LINE if len(line.rms) > 2 else LINE_OF_TWO
     if line.scatter and line.has_noise:
         text += (
             f" Errors of c1 and c2 include the scatter about the line, {100 * line.scatter:.2g} %."

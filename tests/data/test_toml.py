@@ -166,7 +166,7 @@ def test_parameters_and_settings_of_a_file(tmp_path):
     options = {
         "law": "zhou", "objective": "model", "optimiser": "levenberg-marquardt", "route": "ode",
         "rtol": 1e-8, "seed": 7, "starts": 32, "form": "full", "kappa": "printed", "area": "hertz",
-        "confidence": 0.9, "max_steps": 50, "unloading_line": "weighted", "profiles": False,
+        "confidence": 0.9, "max_steps": 50, "unloading_line": "curves", "profiles": False,
         "extra_scatter": True,
     }  # fmt: skip
     lines = [f"{key} = {json.dumps(value)}" for key, value in options.items()]

@@ -182,26 +182,21 @@ def three(names=NAMES):
 def test_the_line_weighs_what_is_fitted_on_any_scale(tmp_path):
     """NumPy's weighted line through the fitted χ̃ and their standard errors, and these with the scatter."""
     sets = three()
-    result, again = (
-        cal.fit(sets, parameters={"chi": Free(bounds=(0.01, 2.5))}, unloading_line=line, **QUICK)
-        for line in ("curves", "weighted")
-    )
+    result = cal.fit(sets, parameters={"chi": Free(bounds=(0.01, 2.5))}, **QUICK)
     ratio = [float(pair(name).yield_ratio) for name in NAMES]
     chi = [result.values[f"chi[{name}]"] for name in NAMES]
     errors = np.array([result.standard_errors[f"chi[{name}]"] for name in NAMES])
     line = np.polyfit(ratio, chi, 1, w=1 / errors)
     influence = np.stack([np.polyfit(ratio, one, 1, w=1 / errors) for one in np.eye(3)], axis=1)
-    for fit in (result, again):
-        scatter = fit.unloading_line.scatter
-        c1, c2 = (getattr(fit.unloading_line, name).value for name in ("c1", "c2"))
-        size = np.hypot(errors, scatter * (c1 + c2 * np.array(ratio)))
-        expected = np.sqrt(influence**2 @ size**2)
-        found = fit.unloading_line.through_chi
-        for name, value, error in zip(("c2", "c1"), line, expected, strict=True):
-            assert found[name].value == pytest.approx(value, rel=1e-9)
-            assert found[name].standard_error == pytest.approx(error, rel=1e-6)
-    assert again.unloading_line.c1 == found["c1"]
-    again.report(tmp_path)
+    scatter = result.unloading_line.scatter
+    c1, c2 = (getattr(result.unloading_line, name).value for name in ("c1", "c2"))
+    size = np.hypot(errors, scatter * (c1 + c2 * np.array(ratio)))
+    expected = np.sqrt(influence**2 @ size**2)
+    found = result.unloading_line.through_chi
+    for name, value, error in zip(("c2", "c1"), line, expected, strict=True):
+        assert found[name].value == pytest.approx(value, rel=1e-9)
+        assert found[name].standard_error == pytest.approx(error, rel=1e-6)
+    result.report(tmp_path)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert f"c2 include the scatter about the line, {100 * scatter:.2g} %." in report
     assert cal.fit(sets, unloading_line=None, **QUICK).unloading_line is None
