@@ -459,9 +459,13 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
             e if has_noise and e.standard_error is None else with_error(e, variance)
             for e, variance in zip(estimates, np.diag(covariance + added), strict=True)
         ]
-    both = {"covariance": _rows(covariance + added) if is_known else None}
-    through_chi = dict(zip(LINE, through, strict=True))
-    line = replace(line, c1=estimates[0], c2=estimates[1], through_chi=through_chi, **both)
+    line = replace(
+        line,
+        c1=estimates[0],
+        c2=estimates[1],
+        through_chi=dict(zip(LINE, through, strict=True)),
+        covariance=_rows(covariance + added) if is_known else None,
+    )
     return line, joint.final
 
 
