@@ -424,7 +424,8 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     problem = joint.final.problem
     off = problem.linearise(joint.z[None]).prediction[0] - problem.points.value
     line = Line(
-        *estimates,
+        c1=estimates[0],
+        c2=estimates[1],
         rms={
             spec.data.name: float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2)))
             for g, spec in enumerate(specs)
