@@ -240,7 +240,7 @@ def further_variances(
     errors = Errors.of(data, observed=observed)
     variances = {kind: np.full(len(velocity), mean) for kind, mean in of_data.items()}
     kind = next((name for name in variances if name not in ("scatter", "group")), None)
-    if kind is None or (errors.points.uncertainty is None and kind != "timing"):
+    if kind is None:
         return variances
 
     def variance(velocity: Velocity) -> Velocity:

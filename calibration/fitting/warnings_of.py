@@ -288,6 +288,8 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
 
 
 def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
+    if errors.points.uncertainty is None:  # only an error of the velocity is
+        return None
     scale = goodness.reduced_chi_squared if "scale" in errors.unknown else None
     size = np.array(goodness.standardised)
     return warnings.far_from_stated(size, goodness.variances, scale, goodness.family)

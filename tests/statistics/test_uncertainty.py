@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 import calibration as cal
 import softjax as sj
 from tests import fit_oracle
-from tests.decay import Decay
+from tests.decay import Decay, decay
 from tests.fit_data import TRUTH, pair, twin
 from tests.fit_oracle import own_model
 from tests.golden import simulated
@@ -138,6 +138,22 @@ def test_a_band_is_the_covariance_carried_through_the_curve(objective):
         one = result.band(velocity, confidence=level)
         reach = stats.t.ppf(0.5 + level / 2, left)
         np.testing.assert_allclose(one.high - one.low, 2 * reach * expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.001, 0.05])
+def test_velocities_alone_with_an_uncertainty_make_a_band_as_wide_as_the_slope(share):
+    """One more point has the estimated scatter and the slope's error at its own v; of ε nothing was stated."""
+    random, exact = np.random.default_rng(0), np.linspace(0.3, 8, 40)
+    restitution = decay(exact, 0.95, 0.09) + 0.004 * random.standard_normal(40)
+    velocity = exact * (1 + share * random.standard_normal(40))
+    data = cal.RestitutionData(velocity, restitution, velocity_uncertainty=share * velocity)
+    result, v = cal.fit(data, Decay, profiles=False, starts=1), np.array([0.3, 1.0, 4.0, 8.0])
+    mean, band = result.band(v), result.band(v, kind="prediction")
+    u_v = result.values["rate"] * mean.coefficient * share * v
+    scatter = result.material().variances["scatter"]
+    expected = np.sqrt(mean.standard_error**2 + scatter + u_v**2)
+    np.testing.assert_allclose(band.standard_error, expected, rtol=1e-4)
+    assert not [one for one in result.warnings if one.code == "stated-uncertainty"]
 
 
 def test_a_set_without_free_parameters_has_the_quantile_of_its_own_noise():
