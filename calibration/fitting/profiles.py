@@ -29,7 +29,7 @@ POINTS = 6.0  # strides up to the limit, about
 BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
 TOLERANCE = 1e-6  # of the limit, in z, or of √Δχ² there
 MOST_STRIDES = 400
-ENOUGH = 1e-9  # of Δχ² that a refit may end above its minimum
+ENOUGH = 1e-6  # of Δχ² that a refit may end above its minimum
 ROUNDING = 1e-12  # of a way
 LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
 
@@ -205,7 +205,7 @@ class _Walks:
         which = np.flatnonzero(np.isfinite(crossing))
         if len(which):  # one look beyond each limit, for the picture
             at = self.centre[which] + BEYOND * (crossing[which] - self.centre[which])
-            self._saw(which, at, self.refit(at, which)[1])
+            self._saw(which, at, self.refit(at, which, BEYOND**2 * self.quantile[which])[1])
         return crossing
 
     def _saw(self, which, at, rise) -> None:

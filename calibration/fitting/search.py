@@ -253,8 +253,9 @@ class _Search:
         sign = np.where(by_way, np.sign(self.x - self.start), -np.sign(self.at.gradient))
         self.limits = np.where(which, sign.astype(int), self.limits)
         inside = np.clip(self.x, self.start - FARTHEST, self.start + FARTHEST)
-        self.z[:, self.problem.active] = np.where(which & by_way, inside, self.x)
-        fits = np.any(which, axis=1) & self.going
+        ends = np.where(which & by_way, inside, self.x)
+        fits = np.any(ends != self.x, axis=1) & self.going
+        self.z[:, self.problem.active] = ends
         if np.any(fits):
             self._put(fits, self._at(self.z, fits))
         self._condense(np.any(which, axis=1))
