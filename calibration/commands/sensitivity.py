@@ -148,12 +148,11 @@ class _Job:
 def _options(arguments: argparse.Namespace, source: Any) -> dict[str, Any]:
     """The options of information and design: of a fit its own parameters, else the free ones."""
     import calibration as cal
-    from calibration.studies.inputs import number
 
     sensors = {}
     for text in arguments.sensor or []:
         name, _, size = (part.strip() for part in text.partition("="))
-        part = number("--sensor", text, size.removesuffix("%"), "NAME=U, as contact_time=2%")
+        part = _number("--sensor", text, size.removesuffix("%"), "NAME=U, as contact_time=2%")
         name = "peak_overlap" if name == "penetration" else name.replace("-", "_")
         sensors[name] = part / (100 if size.endswith("%") else 1)
     if source.result is not None:
@@ -164,15 +163,23 @@ def _options(arguments: argparse.Namespace, source: Any) -> dict[str, Any]:
     parameters = {name: cal.Parameter(free=False) for name in arguments.fix or []}
     for text in arguments.free or []:
         name, sign, deviation = text.partition("=")
-        prior = (0.0, number("--free", text, deviation, "NAME=SD")) if sign else None
+        prior = (0.0, _number("--free", text, deviation, "NAME=SD")) if sign else None
         parameters[name] = cal.Parameter(prior=prior)
     return {"parameters": parameters, "sensors": sensors}
+
+
+def _number(option: str, text: str, digits: str, accepted: str) -> float:
+    """A number in the text of an option."""
+    try:
+        return float(digits)
+    except ValueError:
+        raise DataError(option, text, accepted) from None
 
 
 def _warnings(job: _Job) -> list[str]:
     """The warnings of the fit, of this material or of all together."""
     from calibration import symbols
-    from calibration.studies.text import warnings_text
+    from calibration.report.studies import warnings_text
 
     warnings = [] if job.fit is None else job.fit.warnings
     ours = [warning for warning in warnings if warning.material in (None, job.source.name)]
@@ -187,8 +194,8 @@ def _local(job: _Job) -> dict[str, Any]:
     import numpy as np
 
     from calibration.plots import save, studies
+    from calibration.report.studies import local_table, sensitivities_csv
     from calibration.studies.sensitivities import sensitivity
-    from calibration.studies.text import local_table, sensitivities_csv
 
     velocity = np.geomspace(job.low, job.high, job.arguments.points or 200)
     both = sensitivity(job.inputs, np.concatenate([velocity, job.bars]), job.route)
@@ -211,8 +218,8 @@ def _information(job: _Job) -> dict[str, Any]:
     """Expected standard errors of equally spaced shots."""
     import numpy as np
 
+    from calibration.report.studies import information_text
     from calibration.studies.plans import fisher_information
-    from calibration.studies.text import information_text
 
     shots, of_fit = job.arguments.shots, job.fit is not None
     shots = (0 if of_fit else SHOTS) if shots is None else shots
@@ -229,9 +236,9 @@ def _information(job: _Job) -> dict[str, Any]:
 def _design(job: _Job) -> dict[str, Any]:
     """Velocities of the next measurements."""
     from calibration.plots import save, studies
+    from calibration.report.studies import design_csv, drops_text, wrapped
     from calibration.studies.designs import optimal_velocities
-    from calibration.studies.inputs import pair
-    from calibration.studies.text import design_csv, drops_text, wrapped
+    from calibration.studies.inputs import both_ends
 
     arguments, over = job.arguments, job.arguments.over
     limit = getattr(job.contact, "limit_velocity", math.inf)
@@ -241,7 +248,7 @@ def _design(job: _Job) -> dict[str, Any]:
         (job.low, min(job.high, 0.999 * float(limit))),
         criterion=arguments.criterion or "c",
         target=arguments.target,
-        over=None if over is None else pair("--over", over, over),
+        over=None if over is None else both_ends("--over", over),
         uncertainty=arguments.uncertainty,
         seed=job.seed,
         progress=job.progress,
@@ -259,16 +266,16 @@ def _design(job: _Job) -> dict[str, Any]:
 def _sobol(job: _Job) -> dict[str, Any]:
     """Sobol indices over ranges of the inputs."""
     from calibration.plots import save, studies
+    from calibration.report.studies import sobol_table
     from calibration.studies.sensitivities import sobol_indices
-    from calibration.studies.text import sobol_table
 
     samples, ranges = job.arguments.samples, job.ranges
     more: dict[str, Any] = {"samples": 4096 if samples is None else samples, "scale": job.scale}
     more |= {"seed": job.seed, "route": job.route, "progress": job.progress}
     indices = sobol_indices(job.inputs, ranges.of, job.bars, **more)
-    job.text += [sobol_table(indices), ranges.text(job.inputs)]
-    save(studies.sobol_figure(indices, ranges.title(job.inputs)), job.folder / "sobol.png")
-    return indices.to_dict() | {"assumed": ranges.assumed, "left_out": dict(ranges.left_out)}
+    job.text += [sobol_table(indices), str(ranges)]
+    save(studies.sobol_figure(indices, ranges.assumed), job.folder / "sobol.png")
+    return indices.to_dict() | {"assumed": ranges.assumed, "left_out": ranges.left_out}
 
 
 STUDIES = {"local": _local, "information": _information, "design": _design, "global": _sobol}

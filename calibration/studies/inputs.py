@@ -8,9 +8,9 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, combinations, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,7 +22,6 @@ from calibration.errors import DataError, listed
 from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
-from calibration.symbols import in_math
 from softjax.fields import Declared, declarations, options_of, shared_fields, shared_leaves
 
 VELOCITY = "velocity"
@@ -208,11 +207,12 @@ def check_velocity(velocity: Any) -> np.ndarray:
 
 
 def both_ends(argument: str, value: Any) -> tuple[float, float]:
-    """Two numbers, whatever they are."""
+    """Two numbers, whatever they are; of a text LOW:HIGH."""
     try:
-        low, high = map(float, value)
+        low, high = map(float, value.split(":") if isinstance(value, str) else value)
     except (TypeError, ValueError):
-        raise DataError(argument, value, "two numbers, (low, high)") from None
+        accepted = "LOW:HIGH" if isinstance(value, str) else "two numbers, (low, high)"
+        raise DataError(argument, value, accepted) from None
     return low, high
 
 
@@ -243,30 +243,20 @@ def check_ranges(
                 raise DataError(argument, point, accepted) from None
 
 
-@dataclass(frozen=True)
-class Ranges:
+class Ranges(NamedTuple):
     """(low, high) by name, a sentence on their origin, and reasons for inputs without a range."""
 
-    of: Mapping[str, tuple[float, float]]
+    of: dict[str, tuple[float, float]]
     assumed: str
-    left_out: Mapping[str, str] = field(default_factory=dict)
+    left_out: dict[str, str]
 
-    def text(self, inputs: Inputs) -> str:
+    def __str__(self) -> str:
         """Lines on the assumption, and on the inputs that are not varied."""
         lines = [f"Assumed: {self.assumed}."]
         for why in dict.fromkeys(self.left_out.values()):
-            names = [name for name, reason in self.left_out.items() if reason == why]
-            pairs = [(inputs.declared(name).symbol, name) for name in names]
-            shown = listed(
-                name if symbol == name else f"{symbol} ({name})" for symbol, name in pairs
-            )
-            lines.append(f"Not varied ({why}): {shown}.")
+            names = listed(name for name, reason in self.left_out.items() if reason == why)
+            lines.append(f"Not varied ({why}): {names}.")
         return "\n".join(lines)
-
-    def title(self, inputs: Inputs) -> str:
-        """Title of a picture: the assumption, with symbols only."""
-        symbols = [in_math(inputs.declared(name).symbol) for name in self.left_out]
-        return self.assumed + (f"\nnot varied: {', '.join(symbols)}" if symbols else "")
 
 
 def ranges_of(stated: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Ranges:
@@ -277,54 +267,23 @@ def ranges_of(stated: list[str] | None, scale: str, inputs: Inputs, source: Any)
     ends: dict[str, tuple[float, float]] = {}
     for text in stated or []:
         name, _, both = text.partition("=")
-        name = name.strip().replace("-", "_")
-        if name not in inputs.values:
-            accepted = f"NAME=LOW:HIGH, NAME one of {listed(inputs.values)}"
-            raise DataError("--range", text, accepted)
-        ends[name] = pair("--range", text, both)
-    left_out, within, cut = {}, "over its range", []
+        ends[name.strip().replace("-", "_")] = both_ends("--range", both)
+    left_out, within, build = {}, "over its range", inputs.build
     if not stated:
-        within = f"within ±{100 * PART:g} % of its value"
+        within = f"within ±{100 * PART:g} % of its value and its own limits"
         fit = None if source.result is None else source.result.material(source.name)
         for name, value in inputs.values.items():
-            why = _why_not_varied(inputs, name, scale, fit)
-            if why:
-                left_out[name] = why
-                continue
             declared, reach = inputs.declared(name), PART * abs(value)
-            low, high = max(value - reach, declared.lower), min(value + reach, declared.upper)
-            ends[name] = low, high
-            for end, meant in ((low, value - reach), (high, value + reach)):
-                if end != meant:
-                    cut.append(f"{declared.symbol} no further than {end:g}")
+            of_contact = isinstance(build, OfLaw) and name not in declarations(type(build.law))
+            if value == 0:
+                left_out[name] = "zero, so that ±10 % is no range"
+            elif value < 0 and scale == "log":
+                left_out[name] = "below zero, without a logarithm"
+            elif fit is not None and name in fit.parameters and not fit.parameters[name].free:
+                left_out[name] = "fixed in the fit"
+            elif of_contact and name.rpartition(".")[2] in ("radius", "mass"):
+                left_out[name] = "radius and mass of a sphere change together"
+            else:
+                ends[name] = max(value - reach, declared.lower), min(value + reach, declared.upper)
     check_ranges(inputs, ends, "--range")
-    limits = f" ({listed(cut)})" if cut else ""
-    return Ranges(ends, f"each input {SPREAD[scale]} {within}{limits}, independently", left_out)
-
-
-def _why_not_varied(inputs: Inputs, name: str, scale: str, fit: MaterialFit | None) -> str:
-    """The reason, or an empty text."""
-    value, build = inputs[name], inputs.build
-    if value == 0:
-        return "zero, so that ±10 % is no range"
-    if value < 0 and scale == "log":
-        return "below zero, without a logarithm"
-    if fit is not None and name in fit.parameters and not fit.parameters[name].free:
-        return "fixed in the fit"
-    of_contact = isinstance(build, OfLaw) and name not in declarations(type(build.law))
-    of_size = of_contact and name.rpartition(".")[2] in ("radius", "mass")
-    return "radius and mass of a sphere change together" if of_size else ""
-
-
-def pair(option: str, text: str, ends: str) -> tuple[float, float]:
-    """Both numbers of `low:high`."""
-    low, _, high = ends.partition(":")
-    return number(option, text, low, "LOW:HIGH"), number(option, text, high, "LOW:HIGH")
-
-
-def number(option: str, text: str, digits: str, accepted: str) -> float:
-    """A number in the text of an option."""
-    try:
-        return float(digits)
-    except ValueError:
-        raise DataError(option, text, accepted) from None
+    return Ranges(ends, f"each input {SPREAD[scale]} {within}, independently", left_out)

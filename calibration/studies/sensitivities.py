@@ -30,18 +30,6 @@ from calibration.studies.inputs import (
 from softjax.fields import Declared
 
 PADDING = 64  # most batches of velocities share one compilation
-# exponents of kilogram, metre and second
-DIMENSIONS = {
-    "-": (0, 0, 0),
-    "Pa": (1, -1, -2),
-    "N/m": (1, 0, -2),
-    "kg": (1, 0, 0),
-    "kg/m³": (1, -3, 0),
-    "m": (0, 1, 0),
-    "1/m": (0, -1, 0),
-    "m/s": (0, 1, -1),
-    "s": (0, 0, 1),
-}
 SCALES = ("uniform", "log")
 NO_ANSWER = int(sj.Status.INVALID_INPUT | sj.Status.SOLVER_FAILED)
 NO_VARIANCE = 1e-24  # of the squared mean: rounding
@@ -86,27 +74,6 @@ class Sensitivities:
         """Select velocities."""
         columns = ("velocity", "coefficient", "absolute", "status")
         return replace(self, **{name: getattr(self, name)[which] for name in columns})
-
-    def dimensional_sums(self) -> Float[np.ndarray, "n 3"]:
-        """Σ_θ [θ]_u θ ∂ε/∂θ for u = kg, m, s, with [θ]_u the exponent of u in θ's unit.
-
-        ε has no unit, so it is the same in any units: each of the three sums is zero. For two
-        spheres of one material they read
-
-            kg:  S_E + S_Y + S_ρ = 0
-            m:   S_R + S_v - S_E - S_Y - 3 S_ρ = 0
-            s:   -2 S_E - 2 S_Y - S_v = 0
-
-        and so S_R = 0 and S_v = 2 S_ρ: ε depends on no size, and on v only as v √(ρ/E).
-
-        Raises:
-            ValueError: where the unit of an input is not known.
-        """
-        units = {name: declared.unit for name, declared in self.declared.items()}
-        for name, unit in units.items():
-            if unit not in DIMENSIONS:
-                raise DataError(f"unit of {name}", unit, f"one of {', '.join(DIMENSIONS)}")
-        return self.absolute @ np.array([DIMENSIONS[unit] for unit in units.values()], float)
 
     def ranked(self, velocity: float) -> list[tuple[str, float]]:
         """(name, θ ∂ε/∂θ) at the velocity nearest to the given one, the largest first."""
@@ -267,49 +234,46 @@ def sobol_indices(
     unit = qmc.Sobol(2 * len(names), rng=random, bits=64).random(samples)
     both = low + (high - low) * unit.T.reshape(2, len(names), samples)
     a, b = np.exp(both) if scale == "log" else both
-    sets, total = [], (len(names) + 2) * samples
+    # A, B, and A with one input of B for each input
+    points = [a, b, *np.where(np.eye(len(names), dtype=bool)[:, :, None], b, a)]
+    f = np.empty((len(points), len(velocity), samples))
     with jax.enable_x64(True):
-        # A, B, and A with one input of B for each input
-        for k, sample in enumerate(
-            [a, b, *np.where(np.eye(len(names), dtype=bool)[:, :, None], b, a)]
-        ):
-            sets.append(np.asarray(_sampled(fixed, inputs.build, velocity, route, names, sample)).T)
+        for k, x in enumerate(points):
+            f[k] = np.asarray(_sampled(fixed, inputs.build, velocity, route, names, x)).T
             if progress is not None:
-                progress("Sobol indices", (k + 1) * samples, total)
-    lost = sum(np.sum(~np.isfinite(sample)) for sample in sets)
-    if lost:
-        requirement = f"such that {lost} of {sum(map(np.size, sets))} have none"
+                progress("Sobol indices", (k + 1) * samples, len(points) * samples)
+    if lost := np.sum(~np.isfinite(f)):
+        requirement = f"such that {lost} of {f.size} have none"
         raise DataError("ranges", requirement, "such that every sample has a finite output")
-    f_a, f_b, f_ab = sets[0], sets[1], np.stack(sets[2:])
-    variance, mean = (of([f_a, f_b], axis=(0, 2)) for of in (np.var, np.mean))
+    variance, mean = np.var(f[:2], axis=(0, 2)), np.mean(f[:2], axis=(0, 2))
     varies = variance > NO_VARIANCE * mean**2
     if not np.any(varies):
         accepted = "wide enough for the output to vary"
         raise DataError("ranges", f"such that it is {mean[0]:.6g} everywhere", accepted)
-    found = [_indices(np.full((1, samples), 1 / samples), f_a, f_b, f_ab)]
+    found = [_indices(np.full((1, samples), 1 / samples), f)]
     for begun in range(0, resamples, RESAMPLED):
         rows = range(min(RESAMPLED, resamples - begun))
         picked = (random.integers(0, samples, samples) for _ in rows)
         share = np.array([np.bincount(k, minlength=samples) for k in picked]) / samples
-        found.append(_indices(share, f_a, f_b, f_ab))
-    indices = np.concatenate(found, axis=2)
+        found.append(_indices(share, f))
+    indices = np.where(varies[:, None, None], np.concatenate(found, axis=2), np.nan)
     part = [0.5 * (1 - confidence), 0.5 * (1 + confidence)]
-    limits = np.quantile(indices[:, :, 1:], part, axis=2)
-    tables = {}
-    for name, value, ends_of in zip(
-        ("first", "total"), indices, limits.swapaxes(0, 1), strict=True
-    ):
-        tables |= {name: value[:, 0], f"{name}_low": ends_of[0], f"{name}_high": ends_of[1]}
+    (first, total), limits = indices[:, :, 0], np.quantile(indices[:, :, 1:], part, axis=2)
     return SobolIndices(
         names=names,
         ranges=dict(ranges),
         scale=scale,
-        **{key: np.where(varies[:, None], table, np.nan) for key, table in tables.items()},
+        first=first,
+        total=total,
+        first_low=limits[0, 0],
+        first_high=limits[1, 0],
+        total_low=limits[0, 1],
+        total_high=limits[1, 1],
         mean=mean,
         variance=variance,
         samples=samples,
         confidence=confidence,
-        zeros=np.mean(np.equal([f_a, f_b], 0), axis=(0, 2)),
+        zeros=np.mean(f[:2] == 0, axis=(0, 2)),
         velocity=velocity,
         symbols=tuple(inputs.declared(name).symbol for name in names),
     )
@@ -327,14 +291,13 @@ def _sampled(fixed: Any, build: Any, velocity: Any, route: Any, names: tuple[str
     return jax.lax.map(restitution_at, points.T, batch_size=AT_ONCE)
 
 
-def _indices(share: np.ndarray, f_a, f_b, f_ab) -> Float[np.ndarray, "2 q resamples p"]:
+def _indices(share: np.ndarray, f: np.ndarray) -> Float[np.ndarray, "2 q resamples p"]:
     """Saltelli's estimates, first-order and total, by the weight of each sample in each resample.
 
     Both are ratios of means over the samples, so that a resample is how often each was drawn.
     """
-    centre = 0.5 * (np.mean(f_a, axis=1) + np.mean(f_b, axis=1))[:, None]
-    a, b, ab = f_a - centre, f_b - centre, f_ab - centre
+    a, b, *ab = f - np.mean(f[:2], axis=(0, 2))[:, None]
     variance = 0.5 * (a**2 + b**2) @ share.T - (0.5 * (a + b) @ share.T) ** 2
+    products = [[b * (x - a), 0.5 * (a - x) ** 2] for x in ab]
     with np.errstate(divide="ignore", invalid="ignore"):
-        both = [(x @ share.T) / variance for x in (b * (ab - a), 0.5 * (a - ab) ** 2)]
-    return np.moveaxis(np.array(both), 1, -1)
+        return np.moveaxis(products @ share.T / variance, 0, -1)

@@ -73,7 +73,7 @@ def test_sensitivities_over_velocity(studied):
     head = "θ ∂ε/∂θ at v [m/s]"
     lines = studied.out[studied.out.index(head) :].splitlines()
     assert cells(lines[0]) == [head, "1", "10"]
-    table = {row[0]: [float(x) for x in row[1:]] for row in map(cells, lines[1:10])}
+    table = {row[0]: [float(x) for x in row[1:]] for row in map(cells, lines[2:11])}
     study = json.loads(studied.text("sensitivity.json"))["local"]
     assert study["velocity"] == [1.0, 10.0]
     symbols = ("E", "ν", "ρ", "Y", "R", "χ̃", "σ", "ψ", "v")
@@ -198,7 +198,9 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
             value, low, high = (found[f"{which}{end}"][k] for end in ("", "_low", "_high"))
             limits = np.stack([np.minimum(low, value), np.maximum(high, value)], axis=1)
             np.testing.assert_allclose(ends, limits, atol=1e-12)
-        for row, first, total in zip(lines[1:9], found["first"][k], found["total"][k], strict=True):
+        for row, first, total in zip(
+            lines[2:10], found["first"][k], found["total"][k], strict=True
+        ):
             a, b = (float(x.strip("()")) for x in cells(row)[1 + k].split())
             assert (a, b) == (pytest.approx(first, abs=6e-4), pytest.approx(total, abs=6e-4))
         assert ax.get_ylim() == figure.axes[0].get_ylim()

@@ -1,15 +1,16 @@
 """Studies in words: tables for the terminal, and columns of CSV."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 
 from calibration import console
 from calibration.curves import status_names
 from calibration.data.air import Fall
 from calibration.errors import listed
 from calibration.fitting.warnings import FitWarning
+from calibration.report.layout import table_text
 from calibration.studies.designs import Design
 from calibration.studies.plans import Information
 from calibration.studies.sensitivities import Sensitivities, SobolIndices
@@ -17,21 +18,26 @@ from calibration.studies.sensitivities import Sensitivities, SobolIndices
 
 def local_table(sensitivities: Sensitivities) -> str:
     """θ ∂ε/∂θ, an input a line, a velocity a column."""
+    symbols = [declared.symbol for declared in sensitivities.declared.values()]
     cells = np.vectorize(lambda x: f"{round(x, 5) + 0.0:.5f}")(sensitivities.absolute)
-    return _table(
-        "θ ∂ε/∂θ at v [m/s]", sensitivities.velocity, _symbols(sensitivities), cells.T, 11
-    )
+    return _table("θ ∂ε/∂θ at v [m/s]", sensitivities.velocity, symbols, cells)
 
 
 def sobol_table(indices: SobolIndices) -> str:
     """First-order and total indices, an input a line, a velocity a column; what does not rebound."""
-    first, total = (x.T.round(3) + 0.0 for x in (indices.first, indices.total))
-    cells = np.vectorize(lambda a, b: f"{a:.3f} ({b:.3f})")(first, total)
-    velocity = np.ravel(indices.velocity)
-    table = _table("Sobol indices, first (total) at v [m/s]", velocity, indices.symbols, cells, 18)
-    still = zip(indices.zeros, velocity, strict=True)
+    cells = np.vectorize(lambda a, b: f"{round(a, 3) + 0.0:.3f} ({round(b, 3) + 0.0:.3f})")(
+        indices.first, indices.total
+    )
+    head = "Sobol indices, first (total) at v [m/s]"
+    table = _table(head, indices.velocity, indices.symbols, cells)
+    still = zip(indices.zeros, indices.velocity, strict=True)
     shares = listed(f"{100 * share:.3g} % at {v:.4g} m/s" for share, v in still if share)
     return table + (f"\nSamples that do not rebound, ε = 0: {shares}." if shares else "")
+
+
+def _table(head: str, velocity: np.ndarray, names: Sequence[str], cells: np.ndarray) -> str:
+    columns = [head, *(f"{v:.4g}" for v in velocity)]
+    return table_text(pd.DataFrame(np.vstack([names, cells]).T, columns=columns))
 
 
 def information_text(information: Information) -> str:
@@ -55,21 +61,12 @@ def information_text(information: Information) -> str:
 
 def sensitivities_csv(sensitivities: Sensitivities) -> str:
     """θ ∂ε/∂θ and ∂ln ε/∂ln θ of every input; an empty cell where ε = 0."""
-    kinds = (
-        [f"{n} d(eps)/d({n})" for n in sensitivities.names],
-        [f"dln(eps)/dln({n})" for n in sensitivities.names],
-    )
-    lines = [["velocity [m/s]", "restitution", *kinds[0], *kinds[1], "status"]]
-    columns = [
-        sensitivities.velocity,
-        sensitivities.coefficient,
-        *sensitivities.absolute.T,
-        *sensitivities.logarithmic.T,
-    ]
-    for *numbers, status in zip(*columns, sensitivities.status, strict=True):
-        cells = ["" if x != x else f"{x:.17g}" for x in numbers]
-        lines.append([*cells, status_names(int(status))])
-    return "".join(",".join(line) + "\n" for line in lines)
+    of = sensitivities
+    table = pd.DataFrame({"velocity [m/s]": of.velocity, "restitution": of.coefficient})
+    table[[f"{n} d(eps)/d({n})" for n in of.names]] = of.absolute
+    table[[f"dln(eps)/dln({n})" for n in of.names]] = of.logarithmic
+    table["status"] = [status_names(int(status)) for status in of.status]
+    return table.to_csv(index=False, lineterminator="\n")
 
 
 def design_csv(design: Design, fall: Fall | None) -> str:
@@ -104,14 +101,3 @@ def warnings_text(warnings: Sequence[FitWarning]) -> str:
 def wrapped(text: str) -> str:
     """Each line as wide as the terminal."""
     return "\n".join(console.wrapped(text.splitlines()))
-
-
-def _symbols(sensitivities: Sensitivities) -> list[str]:
-    return [declared.symbol for declared in sensitivities.declared.values()]
-
-
-def _table(head: str, velocity: Any, names: Iterable[str], cells: Any, width: int) -> str:
-    lines = [head + "".join(f"{v:>{width}.4g}" for v in velocity)]
-    for name, row in zip(names, cells, strict=True):
-        lines.append(f"{name:<{len(head)}}" + "".join(f"{cell:>{width}}" for cell in row))
-    return "\n".join(lines)
