@@ -16,10 +16,10 @@ import softjax as sj
 from calibration.data.air import Fall
 from calibration.data.checks import require
 from calibration.data.columns import read_header
-from calibration.data.sheet import Row, Sheet, is_number
+from calibration.data.sheet import Sheet
 from calibration.data.text_file import MIB, read_bytes
 from calibration.data.units import in_si, unit_of
-from calibration.errors import DataError, InputError, Origin, printable
+from calibration.errors import DataError, InputError, printable
 from calibration.fitting.curves import yield_velocity
 from calibration.fitting.warnings import is_outside
 
@@ -146,26 +146,20 @@ def read_velocities(path: str) -> Velocities:
     One number a line, or a table whose header names a column `velocity` and its unit.
     """
     name = "standard input" if path == "-" else path
-    sheet = Sheet(name, read_bytes(path, LARGEST, or_pipe=True))
-    if sheet.rows and len(sheet.headers) == 1 and is_number(sheet.headers[0]):
-        sheet.rows.insert(0, Row(1, ["velocity"]))
-    if not 2 <= len(sheet.rows) <= MOST + 1:
-        problem = f"{max(len(sheet.rows) - 1, 0)} velocities"
-        raise InputError(name, None, problem, f"one number a line is needed, {FROM_PYTHON}")
-    (line, _), *rows = sheet.rows
-    rows = [sheet.full(row, len(sheet.headers)) for row in rows]
+    sheet = Sheet(name, read_bytes(path, LARGEST, or_pipe=True), "velocity")
+    if len(sheet.rows) > MOST:
+        raise InputError(name, None, f"{len(sheet.rows)} velocities", FROM_PYTHON)
     try:
-        places = {h.name: (k, h.unit) for k, h in enumerate(map(read_header, sheet.headers))}
-        if "velocity" not in places:
+        headers = {header.name: header for header in map(read_header, sheet)}
+        if "velocity" not in headers:
             accepted = "one with velocity, or left out above one number a line"
-            raise DataError("header", ", ".join(sheet.headers), accepted)
-        place, unit = places["velocity"]
-        sheet.find_mark(rows, [place])
-        velocity = sheet.numbers("velocity", [row.cells[place].strip() for row in rows], rows)
+            raise DataError("header", ", ".join(sheet), accepted)
+        _, _, _, unit = headers["velocity"]
+        velocity = sheet[headers["velocity"].text]
         require("velocity", velocity, lambda v: v >= 0, "a finite speed of 0 m/s or more")
         return in_si(velocity, unit_of(unit or "m/s", "m/s"))
     except DataError as error:
-        raise Origin(name, line, tuple(row.line for row in rows)).error(error) from None
+        raise sheet.origin.error(error) from None
 
 
 def with_knots(source: Source, velocity: Velocities) -> Velocities:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from calibration.data.checks import Column, as_number, require
-from calibration.data.units import Relative, quantity, unit_of
+from calibration.data.units import quantity, unit_of
 from calibration.errors import DataError, is_finite_number
 
 DENSITY = 1.2  # kg/m³, dry air of 20 °C and 1013 hPa
@@ -230,7 +230,7 @@ def checked_air(air: Any) -> float | None:
             value = quantity(air, "kg/m^3")
         except DataError:
             raise DataError("air", f'"{air}"', ACCEPTED) from None
-    if isinstance(value, Relative) or not is_finite_number(value):
+    if not is_finite_number(value):
         raise DataError("air", air, ACCEPTED)
     return as_number("air", value, lambda rho: 1e-4 <= rho <= 20, ACCEPTED)
 

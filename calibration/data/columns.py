@@ -26,7 +26,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from calibration.data.units import PERCENT, is_unit, unit_of
-from calibration.errors import DataError, listed, shown
+from calibration.errors import DataError, listed
 
 MEASURED = {
     "velocity": "m/s",
@@ -215,11 +215,9 @@ def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
                 yield text[: match.start()], unit, False
 
 
-def layout_of(headers: Sequence[str], units: Sequence[str] | None = None) -> Layout:
-    """Layout of a table from its headings and, if any, a separate row of units; else DataError."""
+def layout_of(headers: Sequence[str]) -> Layout:
+    """Layout of a table from its headings; raises DataError."""
     read = [read_header(text) for text in headers]
-    if units is not None:
-        read = [_with_unit(header, unit) for header, unit in zip(read, units, strict=True)]
     names = _resolved(read)
     kind = _kind_of(names, read)
     used = _used(kind, names)
@@ -252,16 +250,6 @@ def accepts(kind: Kind, uncertainty: str, names: Iterable[str | None]) -> bool:
     if uncertainty == "uncertainty":
         return kind.has_restitution
     return uncertainty in ("velocity_uncertainty", *kind.uncertainties)
-
-
-def _with_unit(header: Header, unit: str) -> Header:
-    unit = unit.strip().strip("[]()").strip()
-    if not unit or header.name is None:
-        return header
-    if header.unit is not None and header.unit != unit:
-        problem = f"[{header.unit}] in its name and [{shown(unit)}] below"
-        raise DataError(f"unit of {header.name}", problem, "given once")
-    return header._replace(unit=unit)
 
 
 def _resolved(read: Sequence[Header]) -> list[str | None]:

@@ -22,7 +22,7 @@ from calibration.data.checks import (
 )
 from calibration.data.columns import NO_UNIT, OBSERVED, SIZES
 from calibration.data.point_errors import PointErrors
-from calibration.data.points import radius_of, read_points, rows_blamed
+from calibration.data.points import observed_of, points_of, radius_of, read_rows, rows_blamed
 from calibration.data.repeats import average
 from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.observables import Observed, scale_of
@@ -31,6 +31,7 @@ DENTS = {"largest": "dent_diameter", "residual": "residual_dent_diameter"}
 LARGEST = 1.5  # restitution: further above 1 no noise brings it
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
+NOT_COMPARED = {"bodies", "fall", "origin", "errors", "observed"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,9 +162,11 @@ class RestitutionData:
         stated = {key: value for key, value in uncertainties.items() if value is not None}
         ball = _ball(diameter, mass, density, bodies, contact)
         try:
-            of_file = origin is not None
-            points = read_points(table, ball, stated, gravity, group, air, of_file)
-            of_pair = _contact_of(contact, points.more, ball["density"], one_size)
+            rows = read_rows(table, ball, stated, gravity, group, air, of_file=origin is not None)
+            remarks = (*remarks, *rows.remarks)
+            points = points_of(rows)
+            more = observed_of(rows, points)
+            of_pair = _contact_of(contact, more, ball["density"], one_size)
         except DataError as error:
             raise _located(error, remarks, origin) from None
         with rows_blamed(points.rows):
@@ -173,13 +176,15 @@ class RestitutionData:
                 of_pair,
                 name=name,
                 dent=dent,
-                **{key: column for key, column in points.more.items() if key not in SIZES},
+                **{key: column for key, column in more.items() if key not in SIZES},
                 limit_velocity=limit_velocity,
                 remarks=tuple(dict.fromkeys((*remarks, *points.remarks))),
-                group=points.group,
+                group=None
+                if (labels := rows.columns.get("group")) is None
+                else labels[points.rows],
                 errors=points.errors,
                 bodies=tuple(bodies),
-                fall=points.fall,
+                fall=rows.fall,
                 origin=None if origin is None else origin.select(points.rows),
             )
 
@@ -238,12 +243,8 @@ class RestitutionData:
 
     def of_restitution(self) -> "RestitutionData":
         """A copy with ε only."""
-        nothing: dict[str, Any] = {
-            name: None
-            for observable in OBSERVED
-            for name in (observable, f"{observable}_uncertainty")
-        }
-        return replace(self, **nothing) if self.observed else self
+        every: dict[str, Any] = dict.fromkeys([*OBSERVED, *(f"{n}_uncertainty" for n in OBSERVED)])
+        return replace(self, **every) if self.observed else self
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -280,9 +281,8 @@ class RestitutionData:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RestitutionData):
             return NotImplemented
-        not_compared = {"bodies", "fall", "origin", "errors", "observed"}
         mine, theirs = (
-            {name: value for name, value in vars(data).items() if name not in not_compared}
+            {name: value for name, value in vars(data).items() if name not in NOT_COMPARED}
             | vars(data.errors)
             for data in (self, other)
         )
@@ -311,23 +311,18 @@ class RestitutionData:
         if not (isinstance(self.name, str) and 0 < len(self.name.strip()) <= LONGEST_NAME):
             accepted = f"a text that is not empty, of {LONGEST_NAME} characters at most"
             raise DataError("name", repr(self.name), accepted)
-        velocity, stated = as_numbers("velocity", self.velocity), self.restitution
-        none = np.full(len(velocity), np.nan)
-        restitution = none if stated is None else as_numbers("restitution", stated)
-        check_lengths({"velocity": velocity, "restitution": restitution})
-        self._set(
-            name=printable(self.name),
-            remarks=tuple(map(printable, self.remarks)),
-            velocity=velocity,
-            restitution=restitution,
-        )
-        self._take_in_observed()
-        self._take_in_errors()
+        self._set(name=printable(self.name), remarks=tuple(map(printable, self.remarks)))
+        self._set(velocity=as_numbers("velocity", self.velocity))
+        if self.restitution is None:
+            self._set(restitution=np.full(len(self), np.nan))
+        names = [name for n in OBSERVED for name in (n, f"{n}_uncertainty")]
+        for name in ("restitution", "uncertainty", "velocity_uncertainty", *names):
+            self._set(**{name: self._per_point(name)})
         if self.group is not None:
             self._set(group=as_labels("group", self.group))
-            check_lengths({"velocity": velocity, "group": self.group})
-        if self.degrees is not None:
-            self._set(degrees=_per_impact("degrees", self.degrees, len(self)))
+            check_lengths({"velocity": self.velocity, "group": self.group})
+        self._check_observed()
+        self._take_in_errors()
         self._take_in_contact()
         self._check_points()
 
@@ -337,27 +332,46 @@ class RestitutionData:
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
 
-    def _take_in_observed(self) -> None:
-        """Check the observables other than ε, and which rows lack ε."""
-        missing = np.isnan(self.restitution)
+    def _per_point(self, name: str) -> Column | None:
+        """A field as (n,); a single number is that of all points."""
+        value = getattr(self, name)
+        if value is None:
+            return None
+        if np.ndim(value) == 0:
+            value = [
+                as_number(name, value, lambda _: True, "a number, or one for each point")
+            ] * len(self)
+        numbers = as_numbers(name, value)
+        check_lengths({"velocity": self.velocity, name: numbers})
+        return numbers
+
+    def _per_impact(self, name: str, value: Any) -> float | Column:
+        """A positive number, or one for each impact."""
+        if np.ndim(value) == 0:
+            return as_number(name, value, lambda x: x > 0, "a positive number")
+        numbers = as_numbers(name, value)
+        if len(numbers) != len(self):
+            accepted = f"of single numbers or {len(self)} long like `velocity`"
+            raise DataError(name, f"{len(numbers)} long", accepted)
+        require(name, numbers, lambda x: x > 0, "a positive number")
+        return numbers
+
+    def _check_observed(self) -> None:
+        """The observables other than ε, and which rows lack ε."""
         if self.dent not in DENTS:
             raise DataError("dent", self.dent, " or ".join(map(repr, DENTS)))
+        missing = np.isnan(self.restitution)
         measured = [name for name in OBSERVED if getattr(self, name) is not None]
         for name, unit in OBSERVED.items():
-            stated = f"{name}_uncertainty"
-            uncertainty = _per_point(stated, getattr(self, stated), len(self))
-            if name not in measured:
-                if uncertainty is not None:
-                    raise DataError(stated, "given", f"left out without {name}")
-                continue
-            values, accepted = as_numbers(name, getattr(self, name)), f"a positive number in {unit}"
-            columns = {name: values} | ({} if uncertainty is None else {stated: uncertainty})
-            check_lengths({"velocity": self.velocity} | columns)
-            present = ~np.isnan(values)
-            for key, column in columns.items():
-                require(key, np.where(present, column, 1.0), lambda x: x > 0, accepted)
-            self._set(**columns)
+            values, size = getattr(self, name), getattr(self, f"{name}_uncertainty")
+            if values is None and size is not None:
+                raise DataError(f"{name}_uncertainty", "given", f"left out without {name}")
+            present = ~np.isnan(values if name in measured else self.velocity * np.nan)
             missing = missing & ~present
+            for key, column in ((name, values), (f"{name}_uncertainty", size)):
+                if column is not None:
+                    used = np.where(present, column, 1.0)
+                    require(key, used, lambda x: x > 0, f"a positive number in {unit}")
         if np.any(missing):
             accepted = f"a number, or measured by {listed(measured)}"
             accepted = accepted if measured else "a number of 0 or more"
@@ -365,36 +379,35 @@ class RestitutionData:
 
     def _take_in_errors(self) -> None:
         """The errors of the two uncertainties, or the two uncertainties of the errors."""
-        names = ("uncertainty", "velocity_uncertainty")
-        sizes = {n: _per_point(n, getattr(self, n), len(self)) for n in names}
+        of_eps, of_v = self.uncertainty, self.velocity_uncertainty
         if self.errors is None:
-            stated = {name: size for name, size in sizes.items() if size is not None}
-            check_lengths({"velocity": self.velocity} | stated)
-            if "uncertainty" in stated:
-                missing = np.isnan(self.restitution)
-                sizes["uncertainty"] = np.where(missing, 1.0, stated["uncertainty"])
-            self._set(errors=PointErrors.alone(len(self), *sizes.values()))
+            if of_eps is not None:
+                of_eps = np.where(np.isnan(self.restitution), 1.0, of_eps)
+            self._set(errors=PointErrors.alone(len(self), of_eps, of_v))
         elif len(self.errors) != len(self):
             accepted = f"of as many points as `velocity`, {len(self)}"
             raise DataError("errors", f"of {len(self.errors)}", accepted)
-        for name in names:
+        stated = {"uncertainty": of_eps, "velocity_uncertainty": of_v}
+        for name, size in stated.items():
             value = getattr(self.errors, name)
-            if sizes[name] is not None and not _same(sizes[name], value):
+            if size is not None and not _same(size, value):
                 raise DataError(name, "given with other `errors`", "left out, or errors=None")
             self._set(**{name: value})
+        if self.degrees is not None:
+            self._set(degrees=self._per_impact("degrees", self.degrees))
 
     def _take_in_contact(self) -> None:
         """One limit velocity, in the contact and in the data."""
         contact, limit = self.contact, self.limit_velocity
+        if limit is not None:
+            limit = self._per_impact("limit_velocity", limit)
         if contact is not None and not isinstance(contact, sj.Contact):
             raise DataError("contact", contact, "a softjax.Contact or None")
-        if limit is not None:
-            limit = _per_impact("limit_velocity", limit, len(self))
         if contact is not None:
             for leaf in contact.leaves().values():
-                _per_impact("contact", leaf, len(self))
+                self._per_impact("contact", leaf)
             if limit is None:
-                limit = _per_impact("contact", contact.limit_velocity, len(self))
+                limit = self._per_impact("contact", contact.limit_velocity)
             else:
                 contact = replace(contact, limit_velocity=limit)
         self._set(contact=contact, limit_velocity=limit)
@@ -405,13 +418,11 @@ class RestitutionData:
         if (limit := self.limit_velocity) is not None:
             accepted = (
                 f"below the limit velocity, {np.min(limit):.6g} m/s (√(3 Y/ρ) unless stated): "
+                "check the units of velocity and yield strength, or give limit_velocity"
             )
-            accepted += "check the units of velocity and yield strength, or give limit_velocity"
             require("velocity", self.velocity, lambda v: v < limit, accepted)
         measured = np.where(np.isnan(self.restitution), 0.5, self.restitution)
         require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
-        if self.uncertainty is not None:
-            require("uncertainty", self.uncertainty, lambda u: u > 0, "a positive number")
         accepted = f"at most {LARGEST}; above 1 it is noise or an input error"
         if np.max(measured) > PERCENT:
             accepted += " (is it in percent? then the unit is [%])"
@@ -465,25 +476,3 @@ def _contact_of(contact: Any, columns: Any, density: Any, one_size: bool) -> sj.
         accepted = "stated with the bodies, or a column diameter, radius or mass (with the density)"
         raise DataError("radius", "missing", accepted)
     return contact(radius)
-
-
-def _per_point(name: str, value: Any, count: int) -> Column | None:
-    """One number for all points, or one for each, as (count,)."""
-    if value is None:
-        return None
-    if np.ndim(value) == 0:
-        number = as_number(name, value, lambda _: True, "a number, or one for each point")
-        return np.repeat(number, count)
-    return as_numbers(name, value)
-
-
-def _per_impact(name: str, value: Any, count: int) -> float | Column:
-    """A positive number, or one for each of `count` impacts."""
-    if np.ndim(value) == 0:
-        return as_number(name, value, lambda x: x > 0, "a positive number")
-    numbers = as_numbers(name, value)
-    if numbers.shape != (count,):
-        accepted = f"of single numbers or {count} long like `velocity`"
-        raise DataError(name, f"{len(numbers)} long", accepted)
-    require(name, numbers, lambda x: x > 0, "a positive number")
-    return numbers

@@ -44,11 +44,10 @@ from calibration.data.columns import (
     VELOCITIES,
     Kind,
     Layout,
-    accepts,
     layout_of,
 )
 from calibration.data.point_errors import PointErrors, paired, three
-from calibration.data.units import Relative, in_si, quantity, unit_of
+from calibration.data.units import in_si, parted, unit_of
 from calibration.errors import DataError, did_you_mean, listed
 
 STANDARD_GRAVITY = 9.80665  # m/s²
@@ -62,23 +61,11 @@ NOT_CORRECTED = (
 OFF = 4.0  # standard uncertainties by which ε may differ from the other columns of its row
 OFF_UNKNOWN = 0.05  # the same where none is stated
 HIGHER = 1.3  # times the interval before: no noise
-POSITIVE = {"velocities": "a positive speed in m/s", "heights": "a positive height in m"}
-NOT_NEGATIVE = {"velocities": "a speed of 0 m/s or more", "heights": "a height of 0 m or more"}
-# ε beyond which two columns are exchanged or not in one unit, as their ratio
-SWAPPED = {"velocities": 1.25, "heights": 1.25**2}
-
-
-class Points(NamedTuple):
-    """n impacts: v [m/s], ε, their errors, the row of each, its group, remarks, and what else was measured."""
-
-    velocity: Column
-    restitution: Column
-    errors: PointErrors
-    rows: Int[np.ndarray, " n"]
-    group: Sequence[str] | np.ndarray | None
-    remarks: tuple[str, ...] = ()
-    more: Mapping[str, Column] = {}  # what else was measured, its uncertainties, and sizes
-    fall: Fall | None = None
+# of two columns: their names, what is accepted, and their ratio beyond which they are exchanged or not in one unit
+PAIRS = {
+    "velocities": (VELOCITIES, "a positive speed in m/s", "a speed of 0 m/s or more", 1.25),
+    "heights": (HEIGHTS, "a positive height in m", "a height of 0 m or more", 1.25**2),
+}
 
 
 class Rows(NamedTuple):
@@ -89,6 +76,8 @@ class Rows(NamedTuple):
     relative: frozenset[str]
     gravity: float
     air: Air | None
+    fall: Fall | None
+    remarks: tuple[str, ...]
 
     def uncertainty(self, name: str, of: Column) -> Column | None:
         """The uncertainty of `of` in the column of that name, None where there is none."""
@@ -99,6 +88,16 @@ class Rows(NamedTuple):
     def take(self, rows) -> "Rows":
         columns = {name: column[rows] for name, column in self.columns.items()}
         return self._replace(columns=columns, air=None if self.air is None else self.air.take(rows))
+
+
+class Points(NamedTuple):
+    """n impacts: v [m/s], ε, their errors, the row of each, and remarks."""
+
+    velocity: Column
+    restitution: Column
+    errors: PointErrors
+    rows: Int[np.ndarray, " n"]
+    remarks: tuple[str, ...]
 
 
 @contextmanager
@@ -112,7 +111,7 @@ def rows_blamed(rows: np.ndarray | None = None) -> Iterator[None]:
         raise DataError(error.argument, value, error.accepted, index) from None
 
 
-def read_points(
+def read_rows(
     table: Mapping[str, Any],
     ball: Mapping[str, Any],
     uncertainties: Mapping[str, Any],
@@ -120,42 +119,55 @@ def read_points(
     group: Sequence[Any] | None,
     air: Any,
     of_file: bool,
-) -> Points:
-    """The points of a table (see `RestitutionData.from_table`).
+) -> Rows:
+    """The used columns of a table (see `RestitutionData.from_table`).
 
     `ball`: diameter, mass and density of what flies, None where not known. `of_file`: whether a bare
-    number is refused next to a column in another unit than SI's.
+    number is refused next to a column in another unit than SI's, and assumed units are a remark.
     """
     headers = getattr(table, "columns", None)  # a frame's
     headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
-    layout = layout_of([str(header) for header in headers])
-    kind = layout.kind
-    columns = {n: _column(n, table[headers[at]], layout) for n, at in layout.position.items()}
-    for name, unit in layout.written.items() if of_file else ():
-        if name.endswith("uncertainty") and unit is None:
-            _check_unit(name, None, layout)
-    count, relative = len(columns[kind.needs[0]]), set(layout.relative)
-    for name, value in uncertainties.items():
-        stated = _stated(name, value, columns, layout, of_file)
-        columns[name] = np.full(count, float(stated))
-        relative |= {name} if isinstance(stated, Relative) else set()
+    for_all = dict(_heading(*stated) for stated in uncertainties.items())
+    layout = layout_of([*map(str, headers), *for_all])
+    kind, columns = layout.kind, {}
+    for name, at in layout.position.items():
+        if at < len(headers):
+            columns[name] = _column(name, table[headers[at]], layout)
+        else:
+            number = as_number(
+                name, [*for_all.values()][at - len(headers)], lambda _: True, "a number"
+            )
+            columns[name] = in_si(np.full(len(columns[kind.needs[0]]), number), layout.units[name])
+    for name in uncertainties:
+        if name not in columns:
+            raise DataError(name, "given", f"left out with {' and '.join(kind.needs)}")
+    for name in {*UNCERTAINTIES} & {*columns} if of_file else ():
+        _check_unit(name, uncertainties.get(name), layout)
     if group is not None:
         if "group" in columns:
             raise DataError("group", "both a column and an argument", "given once")
         columns["group"] = as_labels("group", group)
     check_lengths(columns)
-    g = _gravity(gravity, kind)
-    around, remark = _air(air, columns, ball, kind, g)
+    if "launch" in columns:
+        columns.setdefault("group", _launches(columns["launch"]))
     for name in {*SIZES} & {*columns}:
         require(name, columns[name], lambda x: x > 0, "a positive number in each row")
-    rows = Rows(kind, columns, frozenset(relative), g, around)
+    if gravity is not None and not kind.is_flight:
+        raise DataError("gravity", "given", "left out where velocities are given")
+    g = STANDARD_GRAVITY if gravity is None else gravity
+    g = as_number("gravity", g, lambda g: g > 0, "a positive acceleration in m/s²")
+    around, remarks = _air(air, columns, ball, kind, g)
+    remarks = (*layout.remarks, *filter(None, [layout.assumed * of_file]), *remarks)
+    fall = _fall(
+        layout, around, g, has_rebounds={HEIGHTS[1], "restitution"} & {*columns} == {HEIGHTS[1]}
+    )
+    return Rows(kind, columns, layout.relative, g, around, fall, remarks)
+
+
+def points_of(rows: Rows) -> Points:
+    """The impacts of the rows; raises DataError with the row to blame."""
     with np.errstate(all="ignore"):  # what is not finite in the end is refused
-        points = (_sequences if kind.is_sequence else _single_impacts)(rows)
-    remarks = (*layout.remarks, *points.remarks, *remark)
-    more, fall = _more(rows, points), _fall(layout, around, g)
-    if fall is not None and {HEIGHTS[1], "restitution"} & {*columns} == {HEIGHTS[1]}:
-        fall = replace(fall, has_rebounds=True)
-    return points._replace(remarks=remarks, more=more, fall=fall)
+        return (_sequences if rows.kind.is_sequence else _single_impacts)(rows)
 
 
 def radius_of(columns: Mapping[str, Any], density: Any) -> Any:
@@ -169,6 +181,23 @@ def radius_of(columns: Mapping[str, Any], density: Any) -> Any:
     return None
 
 
+def observed_of(rows: Rows, points: Points) -> dict[str, np.ndarray]:
+    """Observables other than ε, their uncertainties, and sizes, of each point."""
+    rows = rows.take(points.rows)
+    columns = {name: rows.columns[name] for name in (*OBSERVED, *SIZES) if name in rows.columns}
+    for name in {*OBSERVED} & {*columns}:
+        if (uncertainty := rows.uncertainty(f"{name}_uncertainty", columns[name])) is not None:
+            columns[f"{name}_uncertainty"] = uncertainty
+    if rows.kind.is_flight and "contact_time" in columns:
+        flight = 2 * points.velocity / rows.gravity
+        for row in np.flatnonzero(columns["contact_time"] >= flight)[:1]:
+            accepted = f"shorter than the flight, {flight[row]:.3g} s"
+            raise DataError(
+                "contact_time", float(columns["contact_time"][row]), accepted, int(points.rows[row])
+            )
+    return columns
+
+
 def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
     if name in LABELS:
         return as_labels(name, values)
@@ -176,46 +205,43 @@ def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
         return in_si(as_numbers(name, values), layout.units[name])
 
 
-def _stated(name: str, value: Any, columns: Any, layout: Layout, of_file: bool) -> float:
-    """An uncertainty that is stated for all rows, in SI or `Relative`."""
+def _heading(name: str, value: Any) -> tuple[str, Any]:
+    """An uncertainty that is stated for all rows, as the heading and the cell of a column."""
     if name not in UNCERTAINTIES:
         raise TypeError(f"unexpected keyword argument {name!r}{did_you_mean(name, UNCERTAINTIES)}")
-    if of_file and not isinstance(value, str | Relative):
-        _check_unit(name, value, layout)
-    if name in columns:
-        raise DataError(name, "both a column and a number for the set", "given once")
-    if not accepts(layout.kind, name, layout.position):
-        raise DataError(name, "given", f"left out with {' and '.join(layout.kind.needs)}")
-    if isinstance(value, str):
-        value = quantity(value, SI_UNITS[name])
-    number = as_number(name, value, lambda u: u >= 0, "a number of 0 or more")
-    return Relative(number) if isinstance(value, Relative) else number
+    if not isinstance(value, str):
+        return name, value
+    number, unit = parted(value, SI_UNITS[name])
+    return f"{name} [{unit}]", number
 
 
-def _check_unit(name: str, value: Any, layout: Layout) -> None:
-    """Refuse a bare number (None: a column without a unit), in SI, next to columns in another unit."""
+def _check_unit(name: str, for_all: Any, layout: Layout) -> None:
+    """Refuse an uncertainty without a unit, in SI, next to columns in another unit."""
     base = "restitution" if name == "uncertainty" else name.removesuffix("_uncertainty")
-    si = SI_UNITS[name]
-    values = [base] if base in layout.written or name == "uncertainty" else layout.kind.needs
-    units = [layout.written.get(column) for column in values if SI_UNITS.get(column) == si]
+    si, written = SI_UNITS[name], layout.written
+    values = [base] if base in written or name == "uncertainty" else layout.kind.needs
+    units = [written.get(column) for column in values if SI_UNITS.get(column) == si]
     other = next((unit for unit in units if unit is not None and unit_of(unit, si) != 1), None)
-    if other is None:
+    if written[name] is not None or other is None:
         return
-    if value is None:
+    if for_all is None:
         accepted = f"`{name} [{si}]` or `{name} [{other}]`"
         raise DataError(name, f"without a unit next to [{other}]", accepted)
     if si != "1":
-        both = f'"{value} {si}" or "{value} {other}"'
-        raise DataError(name, f"{value}, without a unit next to [{other}]", f"one of {both}")
-    require(name, np.atleast_1d(value), lambda u: u <= 1, f"of ε itself, 0.02 for 2 [{other}]")
+        accepted = f'one of "{for_all} {si}" or "{for_all} {other}"'
+        raise DataError(name, f"{for_all}, without a unit next to [{other}]", accepted)
+    require(name, np.atleast_1d(for_all), lambda u: u <= 1, f"of ε itself, 0.02 for 2 [{other}]")
 
 
-def _gravity(gravity: float | None, kind: Kind) -> float:
-    if gravity is None:
-        return STANDARD_GRAVITY
-    if not kind.is_flight:
-        raise DataError("gravity", "given", "left out where velocities are given")
-    return as_number("gravity", gravity, lambda g: g > 0, "a positive acceleration in m/s²")
+def _launches(labels: np.ndarray) -> np.ndarray:
+    """Labels of launches, which are adjacent rows; a label that comes again is another launch, `1 (2)`."""
+    fresh = np.concatenate([[True], labels[1:] != labels[:-1]])
+    count: Counter[str] = Counter()
+    names = []
+    for label in labels[fresh]:
+        count[label] += 1
+        names.append(label if count[label] == 1 else f"{label} ({count[label]})")
+    return np.array(names, dtype=object)[np.cumsum(fresh) - 1]
 
 
 def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: float):
@@ -233,32 +259,17 @@ def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: f
     raise DataError("ball", "missing", "given with air: its diameter, and its mass or density")
 
 
-def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
+def _fall(layout: Layout, air: Air | None, gravity: float, has_rebounds: bool) -> Fall | None:
     """Conversion of heights to velocities; None for other columns, and for balls of several sizes."""
-    if HEIGHTS[0] not in layout.kind.needs:
+    if HEIGHTS[0] not in layout.kind.needs or (
+        air is not None and np.ndim(air.diameter * air.mass)
+    ):
         return None
-    unit = layout.written[HEIGHTS[0]] or "m"
+    fall = Fall(layout.written[HEIGHTS[0]] or "m", gravity, has_rebounds=has_rebounds)
     if air is None:
-        return Fall(unit, gravity)
-    if np.ndim(air.diameter) or np.ndim(air.mass):
-        return None
-    return Fall(unit, gravity, air.density, float(air.diameter), float(air.mass))
-
-
-def _more(rows: Rows, points: Points) -> dict[str, np.ndarray]:
-    """Observables other than ε, their uncertainties, and sizes."""
-    rows = rows.take(points.rows)
-    columns = {name: rows.columns[name] for name in (*OBSERVED, *SIZES) if name in rows.columns}
-    for name in {*OBSERVED} & {*columns}:
-        if (uncertainty := rows.uncertainty(f"{name}_uncertainty", columns[name])) is not None:
-            columns[f"{name}_uncertainty"] = uncertainty
-    if rows.kind.is_flight and "contact_time" in columns:
-        flight = 2 * points.velocity / rows.gravity
-        for row in np.flatnonzero(columns["contact_time"] >= flight)[:1]:
-            accepted = f"shorter than the flight, {flight[row]:.3g} s"
-            value = float(columns["contact_time"][row])
-            raise DataError("contact_time", value, accepted, int(points.rows[row]))
-    return columns
+        return fall
+    diameter, mass = float(air.diameter), float(air.mass)
+    return replace(fall, density=air.density, diameter=diameter, mass=mass)
 
 
 # ---------------------------------------------------------------- an impact by two quantities
@@ -277,34 +288,37 @@ class Impacts(NamedTuple):
 
 
 def _impacts(rows: Rows, first: Column, second: Column, floor: Column) -> Impacts:
-    """Impacts of what was measured before and after; `least`: where the slope in `second` is taken."""
+    """Impacts of what was measured before and after; `floor`: where the slope in `second` is taken."""
     what, gravity, air = rows.kind.what, rows.gravity, rows.air
-    if what == "velocities":
-        velocity, power = first, 1.0
-    elif what == "heights":
-        velocity, power = np.sqrt(2 * gravity * first), 0.5
-    else:
-        velocity, power = gravity * first / 2, 1.0
+    power = 0.5 if what == "heights" else 1.0
+    velocity = first if what == "velocities" else gravity * first / 2
+    velocity = np.sqrt(2 * gravity * first) if what == "heights" else velocity
     restitution = (second / first) ** power
+    remarks: tuple[str, ...] = ()
     if air is None:
         by_second = power / first * (np.where(floor > 0, floor, np.inf) / first) ** (power - 1)
-        by_first, faster = -power * restitution / first, power * velocity / first
-        return Impacts(velocity, restitution, by_first, by_second, faster, None, ())
-    arrival, departure = ("fall", "rise") if what == "heights" else ("landing", "take_off")
-    in_vacuum = velocity, restitution
-    velocity = getattr(air, arrival)(first)
-    restitution = getattr(air, departure)(second) / velocity
-    faster, slower = air.slope(arrival, first), air.by_drag(arrival, first)
-    of_second = air.by_drag(departure, second) - restitution * slower
-    return Impacts(
-        velocity,
-        restitution,
-        -restitution * faster / velocity,
-        air.slope(departure, floor) / velocity,
-        faster,
-        np.stack([of_second / velocity, slower], axis=1),
-        air.remarks(velocity, restitution, in_vacuum),
-    )
+        faster, by_drag = power * velocity / first, None
+        by_first = -power * restitution / first
+    else:
+        arrival, departure = ("fall", "rise") if what == "heights" else ("landing", "take_off")
+        in_vacuum = velocity, restitution
+        velocity = getattr(air, arrival)(first)
+        restitution = getattr(air, departure)(second) / velocity
+        faster, slower = air.slope(arrival, first), air.by_drag(arrival, first)
+        by_first, by_second = (
+            -restitution * faster / velocity,
+            air.slope(departure, floor) / velocity,
+        )
+        of_second = air.by_drag(departure, second) - restitution * slower
+        by_drag = np.stack([of_second / velocity, slower], axis=1)
+        remarks = air.remarks(velocity, restitution, in_vacuum)
+    if rows.kind.is_flight:
+        remarks = (*remarks, FALLEN)
+        fastest = float(np.max(velocity))
+        if FASTEST_FALL < fastest < np.inf:  # from higher than anybody drops a ball, in air too
+            height = fastest * (fastest / (2 * gravity))
+            remarks = (*remarks, f"{FALLS} {fastest:.3g} m/s, from {height:.3g} m")
+    return Impacts(velocity, restitution, by_first, by_second, faster, by_drag, remarks)
 
 
 def _with_own(errors: PointErrors, rows: Rows, velocity: Column, restitution: Column):
@@ -323,35 +337,23 @@ def _with_own(errors: PointErrors, rows: Rows, velocity: Column, restitution: Co
     return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), remarks
 
 
-def _of_falls(velocity: Column, gravity: float) -> Iterator[str]:
-    """Remarks: that they are, and on falls from higher than anybody drops a ball, in air too."""
-    yield FALLEN
-    fastest = float(np.max(velocity))
-    if FASTEST_FALL < fastest < np.inf:
-        height = fastest * (fastest / (2 * gravity))
-        yield f"{FALLS} {fastest:.3g} m/s, from {height:.3g} m"
-
-
 # ---------------------------------------------------------------- single impacts, one a row
 
 
 def _single_impacts(rows: Rows) -> Points:
     complete, left_out = _complete(rows)
-    rows = rows.take(complete)
-    columns, restitution = rows.columns, np.full(len(complete), np.nan)
+    rows, count = rows.take(complete), len(complete)
     with rows_blamed(complete):
         if rows.kind.what:
             velocity, restitution, errors, remarks = _of_pairs(rows)
         else:
-            velocity, errors, remarks = columns["velocity"], PointErrors.alone(len(complete)), ()
-        if "restitution" in columns:
+            velocity, restitution = rows.columns["velocity"], np.full(count, np.nan)
+            errors, remarks = PointErrors.alone(count), ()
+        if "restitution" in rows.columns:
             restitution, added = _stated_restitution(rows, restitution)
             remarks = (*remarks, *added)
         errors, added = _with_own(errors, rows, velocity, restitution)
-    group = columns.get("group")
-    if group is None and "launch" in columns:
-        group = _launches(columns["launch"])
-    return Points(velocity, restitution, errors, complete, group, (*left_out, *remarks, *added))
+    return Points(velocity, restitution, errors, complete, (*left_out, *remarks, *added))
 
 
 def _complete(rows: Rows) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -371,20 +373,19 @@ def _complete(rows: Rows) -> tuple[np.ndarray, tuple[str, ...]]:
 
 def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]:
     """v, ε and errors of two velocities, or of two heights, of which the second may be missing."""
-    what, columns = rows.kind.what, rows.columns
-    names = VELOCITIES if what == "velocities" else HEIGHTS
-    first = columns[names[0]]
-    second = columns[names[1]] if names[1] in rows.kind.needs else np.full(len(first), np.nan)
+    names, positive, not_negative, swapped = PAIRS[rows.kind.what]
+    first = rows.columns[names[0]]
+    second = rows.columns[names[1]] if names[1] in rows.kind.needs else np.full(len(first), np.nan)
     is_measured = np.isfinite(second)
     second = np.where(is_measured, second, 0.0)
     remarks: tuple[str, ...] = ()
     of_one_sign = np.all(first > 0) or np.all(first < 0)
-    if what == "velocities" and of_one_sign and np.all(first * second <= 0):
+    if names == VELOCITIES and of_one_sign and np.all(first * second <= 0):
         first, second = np.abs(first), np.abs(second)
         remarks = ("the signs of velocities before and after the impact are ignored",)
-    require(names[0], first, lambda x: x > 0, POSITIVE[what])
-    require(names[1], second, lambda x: x >= 0, NOT_NEGATIVE[what])
-    for row in np.flatnonzero(second > SWAPPED[what] * first)[:1]:
+    require(names[0], first, lambda x: x > 0, positive)
+    require(names[1], second, lambda x: x >= 0, not_negative)
+    for row in np.flatnonzero(second > swapped * first)[:1]:
         accepted = f"at most its {names[0]}, {first[row]:.6g}, or little more; "
         accepted += "are both in the same unit, and in this order?"
         raise DataError(names[1], float(second[row]), accepted, int(row))
@@ -392,86 +393,72 @@ def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]
     # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
     floor = second if sizes is None else np.maximum(second, sizes[1] / 4)
     hit = _impacts(rows, first, second, floor)
-    remarks = (*remarks, *stated, *hit.remarks)
-    if what == "heights":
-        remarks = (*remarks, *_of_falls(hit.velocity, rows.gravity))
     errors = PointErrors.alone(len(first))
     if sizes is not None:
         slopes = three(hit.by_first, hit.by_second), three(hit.faster)
-        errors = PointErrors(paired(len(first)), *slopes, np.stack(sizes, axis=1).ravel(), what)
+        errors = PointErrors(paired(len(first)), *slopes, np.ravel(sizes, "F"), rows.kind.what)
     errors = replace(errors, by_drag=hit.by_drag)
-    return hit.velocity, np.where(is_measured, hit.restitution, np.nan), errors, remarks
+    restitution = np.where(is_measured, hit.restitution, np.nan)
+    return hit.velocity, restitution, errors, (*remarks, *stated, *hit.remarks)
 
 
 def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Column]):
     """Standard uncertainties of both columns, None where none is stated, and remarks on them."""
-    both, is_pair = rows.kind.uncertainties[-1], names[1] in rows.kind.needs
-    pairs = zip(names, values, strict=True)
-    each = [rows.uncertainty(f"{name}_uncertainty", x) for name, x in pairs]
-    exact = [name for name, size in zip(names, each, strict=True) if size is None]
+    both, each = rows.kind.uncertainties[-1], [f"{name}_uncertainty" for name in names]
     if both in rows.columns:
-        for name in names:
-            if name not in exact:
-                raise DataError(f"{name}_uncertainty", f"given with {both}", "given once")
-        each = [rows.uncertainty(both, x) for x in values]
-        remarks = [f"{both} applies to both {names[0]} and {names[1]}"]
-    elif len(exact) == len(names):
+        for name in {*each} & {*rows.columns}:
+            raise DataError(name, f"given with {both}", "given once")
+        each, remarks = [both] * 2, [f"{both} applies to both {names[0]} and {names[1]}"]
+    elif not {*each} & {*rows.columns}:
         return None, ()
     else:
+        exact = [n for n in names if f"{n}_uncertainty" not in rows.columns]
         remarks = [f"{n} is treated as exact: no uncertainty of it is stated" for n in exact]
-    sizes = [np.zeros(len(values[0])) if size is None else size for size in each]
-    for size in sizes:
+    sizes = []
+    for name, x in zip(each, values, strict=True):
+        size = rows.uncertainty(name, x)
+        sizes.append(np.zeros(len(x)) if size is None else size)
         what = f"uncertainty of the {rows.kind.what}"
-        require(what, size, lambda u: u >= 0, "a number of 0 or more")
-    return sizes, remarks if is_pair else ()
+        require(what, sizes[-1], lambda u: u >= 0, "a number of 0 or more")
+    return sizes, remarks if names[1] in rows.kind.needs else ()
 
 
 def _stated_restitution(rows: Rows, measured: Column) -> tuple[Column, tuple[str, ...]]:
-    """The restitution of a table, checked against the `measured` one of its other columns."""
-    columns, in_air = rows.columns, rows.air is not None
-    stated = columns["restitution"]
-    if set(HEIGHTS) <= set(columns):
-        drop, rebound = (columns[name] for name in HEIGHTS)
-        require(HEIGHTS[0], drop, lambda h: h > 0, POSITIVE["heights"])
-        measured_rebound = np.where(np.isfinite(stated), rebound, 0.0)
-        require(HEIGHTS[1], measured_rebound, lambda h: h >= 0, NOT_NEGATIVE["heights"])
-        ratio = rebound / drop
-        formula = f"√({HEIGHTS[1]}/{HEIGHTS[0]})" + " in air" * in_air
-        _check(rows, stated, measured if rows.kind.what else np.sqrt(ratio), formula, ratio)
-        if in_air:
-            by_vacuum, by_air = (np.abs(stated - eps) for eps in (np.sqrt(ratio), measured))
-            if np.nanmedian(by_vacuum) < np.nanmedian(by_air):
-                remark = "restitution is √(rebound_height/drop_height): it is corrected for air too"
-                return measured, (remark,)
-    elif rows.kind.what == "velocities":
-        _check(rows, stated, measured, f"{VELOCITIES[1]}/{VELOCITIES[0]}")
-    return stated, ()
-
-
-def _check(rows: Rows, stated: Column, expected: Column, formula: str, slip: Any = np.nan) -> None:
-    """Restitutions given with other measurements must be as expected, and not the likely slip, ε²."""
-    checked = np.where(np.isnan(expected), 0.0, stated)
-    require("restitution", checked, lambda e: e >= 0, "a number of 0 or more")
+    """The restitution of a table, which must follow from its other columns, and not be the likely slip, ε²."""
+    columns, stated, is_corrected = rows.columns, rows.columns["restitution"], False
+    names, formula, expected = VELOCITIES, f"{VELOCITIES[1]}/{VELOCITIES[0]}", measured
+    if {*HEIGHTS} <= {*columns}:
+        names, formula = HEIGHTS, f"√({HEIGHTS[1]}/{HEIGHTS[0]})"
+        expected = np.sqrt(columns[HEIGHTS[1]] / columns[HEIGHTS[0]])
+        if rows.air is not None:
+            vacuum, air = (np.nanmedian(np.abs(stated - eps)) for eps in (expected, measured))
+            is_corrected = bool(vacuum < air)
+            if not is_corrected:
+                expected, formula = measured, f"{formula} in air"
     uncertainty = rows.uncertainty("uncertainty", stated)
     noise = OFF_UNKNOWN if uncertainty is None else OFF * uncertainty
-    off, off_slip = np.abs(stated - expected), np.abs(stated - slip)
-    is_slip = (off_slip < off) & (off_slip <= noise)
+    off, off_slip = np.abs(stated - expected), np.abs(stated - expected**2)
+    is_slip = (off_slip < off) & (off_slip <= noise) & (names == HEIGHTS)
     # noise hides it in a point near ε = 1, not in most
     wrong = is_slip if 2 * np.sum(is_slip) > len(stated) else off > noise
     for row in np.flatnonzero(wrong)[:1]:
         blame = "the ratio of the heights" if is_slip[row] else "not the one of the same row"
         accepted = f"{formula}, {expected[row]:.6g}, or left out"
         raise DataError("restitution", f"{stated[row]:.6g}, {blame}", accepted, int(row))
+    if is_corrected:
+        remark = "restitution is √(rebound_height/drop_height): it is corrected for air too"
+        return measured, (remark,)
+    return stated, ()
 
 
 # ---------------------------------------------------------------- bounces that follow each other
 
 
 def _sequences(rows: Rows) -> Points:
-    name = rows.kind.needs[0]
+    (name,) = rows.kind.needs
     span = 1 + (name == "time")  # rows from the first to the last that a point needs
     with rows_blamed():
-        sequence = _sequence_of(rows)
+        sequence = np.cumsum(_breaks(rows))
         interval = _intervals(rows, name, sequence)
         sizes = _timing(rows, name)
     first = np.flatnonzero(sequence[span:] == sequence[:-span])
@@ -491,38 +478,24 @@ def _sequences(rows: Rows) -> Points:
     numbers = np.unique(index[index >= 0])
     index = np.where(index < 0, -1, np.searchsorted(numbers, index))
     sizes = None if sizes is None else sizes[numbers]
-    errors = PointErrors(index, to_restitution, to_velocity, sizes, rows.kind.what)
+    errors = PointErrors(
+        index, to_restitution, to_velocity, sizes, rows.kind.what, by_drag=hit.by_drag
+    )
     with rows_blamed(taken):
-        errors = replace(errors, by_drag=hit.by_drag)
         errors, added = _with_own(errors, used, hit.velocity, hit.restitution)
-    group = used.columns.get("group")
-    if group is None and "launch" in rows.columns:
-        group = _launches(rows.columns["launch"])[taken]
     short = int(np.sum(np.bincount(sequence) <= span))
     what = "a single interval" if span == 1 else "fewer than three bounces"
     remarks = [f"{short} launch(es) of {what} give no restitution and are not used"] * bool(short)
-    remarks += [*added, *hit.remarks, *_of_falls(hit.velocity, rows.gravity)]
-    return Points(hit.velocity, hit.restitution, errors, taken, group, tuple(remarks))
+    return Points(hit.velocity, hit.restitution, errors, taken, (*remarks, *added, *hit.remarks))
 
 
-def _launches(labels: np.ndarray) -> np.ndarray:
-    """Labels of launches, which are adjacent rows; a label that comes again is another launch, `1 (2)`."""
-    fresh = np.concatenate([[True], labels[1:] != labels[:-1]])
-    count: Counter[str] = Counter()
-    names = []
-    for label in labels[fresh]:
-        count[label] += 1
-        names.append(label if count[label] == 1 else f"{label} ({count[label]})")
-    return np.array(names, dtype=object)[np.cumsum(fresh) - 1]
-
-
-def _sequence_of(rows: Rows) -> np.ndarray:
-    """A number for each run of rows of one launch and one group."""
+def _breaks(rows: Rows) -> np.ndarray:
+    """Whether each row begins another launch or group than the one above it."""
     breaks = np.zeros(len(rows.columns[rows.kind.needs[0]]), bool)
     for name in {*LABELS} & {*rows.columns}:
         labels = codes_of(rows.columns[name])
         breaks[1:] |= labels[1:] != labels[:-1]
-    return np.cumsum(breaks)
+    return breaks
 
 
 def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
@@ -538,7 +511,7 @@ def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
         for row in 1 + np.flatnonzero((steps <= 0) & (sequence[1:] == sequence[:-1]))[:1]:
             accepted = f"later than the one above it {hint}"
             raise DataError(name, float(values[row]), accepted, int(row))
-    if not {*LABELS} & {*rows.columns}:
+    if "group" not in rows.columns:
         # a bounce much higher than the last is the next launch, in a table that names none
         higher = np.flatnonzero(steps[1:] > HIGHER * steps[:-1])
         for row in higher[:1] + 1 + len(values) - len(steps):

@@ -15,13 +15,14 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from calibration.data.columns import LABELS, layout_of, read_header
+from calibration.data.columns import LABELS, read_header
 from calibration.data.measurements import RestitutionData
 from calibration.data.text_file import MIB, decoded, read_bytes
 from calibration.errors import DataError, InputError, Origin
@@ -31,17 +32,11 @@ SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # .xlsx and .ods, .xls
 MISSING = {"na", "n/a", "#n/a", "nan", "null", "none", "nil", "missing"}  # no units
 WINDOWS = "read as Windows-1252, as it is not UTF-8: check letters such as µ and ±"
 NUMBER = (
-    "it must be a finite number with the decimal mark {!r} (a comma only where ; or tabs separate "
+    "a finite number with the decimal mark {!r} (a comma only where ; or tabs separate "
     "cells), without its unit (in the header: `restitution [%]`) and without marks of thousands"
 )
 COMMAS = "commas in numbers are read as decimal points"
-
-
-class Row(NamedTuple):
-    """The cells of a row, and the line that it begins on."""
-
-    line: int
-    cells: list[str]
+Row = tuple[int, list[str]]  # the line that it begins on, its cells
 
 
 def read_csv(path: str | Path, contact=None, **options: Any) -> RestitutionData:
@@ -55,55 +50,69 @@ def read_csv(path: str | Path, contact=None, **options: Any) -> RestitutionData:
     Raises:
         InputError: with file and line, what is wrong and what is accepted.
     """
-    table, remarks, origin = Sheet(path).table()
+    sheet = Sheet(path, read_bytes(path, LARGEST))
     options.setdefault("name", Path(path).stem or "data")
-    options["remarks"] = (*options.get("remarks", ()), *remarks)
-    return RestitutionData.from_table(table, contact, origin=origin, **options)
+    options["remarks"] = (*options.get("remarks", ()), *sheet.remarks)
+    return RestitutionData.from_table(sheet, contact, origin=sheet.origin, **options)
 
 
-class Sheet:
-    """One file on its way in: its rows, but blank ones and comments, and remarks on them."""
+class Sheet(Mapping[str, Any]):
+    """A file as a table: its columns by their headings, with their units.
 
-    def __init__(self, path: str | Path, raw: bytes | None = None):
-        self.path = path
-        self.delimiter, self.mark = "\t", "."
+    Attributes:
+        origin: the lines of its rows.
+        remarks: how it was read.
+    """
+
+    def __init__(self, path: str | Path, raw: bytes, one_column: str | None = None):
+        """Read the rows; `one_column` is the heading of one column of numbers without a header."""
+        self.path, self.delimiter = path, "\t"
         self.remarks: list[str] = []
-        raw = read_bytes(path, LARGEST) if raw is None else raw
-        rows = self._of_excel(raw) if raw.startswith(SPREADSHEETS) else self._of_text(raw)
-        self.rows = [row for row in rows if any(map(str.strip, row.cells))]
-
-    def table(self) -> tuple[dict[str, Any], tuple[str, ...], Origin]:
-        """The columns that are used, by their names and units; remarks on them; their lines."""
-        if not self.rows:
-            raise InputError(self.path, 1, "nothing in the file", "a header of columns is needed")
-        line, headers = self.rows[0].line, self.headers
-        if all(map(is_number, headers)):
-            accepted = "the first line names the columns, as in `velocity [m/s],restitution`"
-            raise InputError(self.path, line, "no header, only numbers", accepted)
-        units = self._units(headers)
-        try:
-            layout = layout_of(headers, units)
-        except DataError as error:
-            raise error.at(self.path, line) from None
-        rows = [self.full(row, len(headers)) for row in self.rows[1 + (units is not None) :]]
+        read = self._of_excel(raw) if raw.startswith(SPREADSHEETS) else self._of_text(raw)
+        stripped = ((line, [*map(str.strip, cells)]) for line, cells in read)
+        rows = [row for row in stripped if any(row[1])]
         if not rows:
+            raise InputError(path, 1, "nothing in the file", "a header of columns is needed")
+        line, header = rows.pop(0)
+        while not header[-1]:  # as spreadsheets end
+            header = header[:-1]
+        if all(map(_is_number, header)):
+            if one_column is None or len(header) > 1:
+                accepted = "the first line names the columns, as in `velocity [m/s],restitution`"
+                raise InputError(path, line, "no header, only numbers", accepted)
+            rows, header = [(line, header), *rows], [one_column]
+        self.rows = [(k, self._full(k, cells, len(header))) for k, cells in rows]
+        numbers = [k for k, text in enumerate(header) if _name(text) not in (None, *LABELS)]
+        self.headers = self._with_units(header, numbers) if self.rows else header
+        if not self.rows:
             accepted = "one row a point is needed below the header"
-            raise InputError(self.path, line, "no rows of data", accepted)
-        self.find_mark(rows, [at for name, at in layout.position.items() if name not in LABELS])
-        table: dict[str, Any] = {}
-        for name, at in layout.position.items():
-            unit = layout.written[name]
-            cells = [row.cells[at].strip() for row in rows]
-            key = name if unit is None else f"{name} [{unit}]"
-            table[key] = cells if name in LABELS else self.numbers(name, cells, rows)
-        remarks = (*layout.remarks, *filter(None, [layout.assumed]), *self.remarks)
-        return table, remarks, Origin(str(self.path), line, tuple(row.line for row in rows))
+            raise InputError(path, line, "no rows of data", accepted)
+        self.mark, self.origin = ".", Origin(str(path), line, tuple(line for line, _ in self.rows))
+        cells = (cells[k] for _, cells in self.rows for k in numbers)
+        first = next((cell for cell in cells if "," in cell or "." in cell), "")
+        if self.delimiter != "," and "," in first and "." not in first:
+            self.mark = ","
+            self.remarks.append(COMMAS)
 
-    @property
-    def headers(self) -> list[str]:
-        """The cells of the first row; spreadsheets leave empty ones at its end."""
-        cells = [cell.strip() for cell in self.rows[0].cells]
-        return cells[: 1 + max(k for k, cell in enumerate(cells) if cell)]
+    def __getitem__(self, header: str) -> Any:
+        """Labels as text; numbers, NaN if empty; raises DataError with the row of what is neither."""
+        at, name = self.headers.index(header), _name(header)
+        cells = [cells[at] for _, cells in self.rows]
+        if name in LABELS:
+            return cells
+        values = np.array(list(map(self._number, cells)))
+        for k in np.flatnonzero(~np.isfinite(values)):
+            if cells[k]:
+                raise DataError(
+                    name or header, repr(cells[k][:80]), NUMBER.format(self.mark), int(k)
+                )
+        return values
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.headers)
+
+    def __len__(self) -> int:
+        return len(self.headers)
 
     def _of_text(self, raw: bytes) -> Iterator[Row]:
         text, encoding = decoded(self.path, raw, "cp1252")
@@ -120,7 +129,7 @@ class Sheet:
         end = 0
         try:
             for cells in reader:
-                yield Row(end + 1, cells)
+                yield end + 1, cells
                 end = reader.line_num
         except csv.Error as error:
             problem = f"a quotation mark is not closed, or stands in a cell ({error})"
@@ -141,51 +150,25 @@ class Sheet:
             raise InputError(self.path, None, problem, accepted) from None
         for line, cells in enumerate(frame.where(frame.notna(), "").to_numpy().tolist(), start=1):
             if not str(cells[0]).lstrip().startswith("#"):
-                yield Row(line, [str(cell) for cell in cells])
+                yield line, [str(cell) for cell in cells]
 
-    def _units(self, headers: list[str]) -> list[str] | None:
-        """The row of units below the header, if there is one: it holds no number.
-
-        One of missing values alone is a row of data.
-        """
-        if len(self.rows) < 2:
-            return None
-        cells = self.full(self.rows[1], len(headers)).cells
-        try:
-            names = [read_header(header).name for header in headers]
-        except DataError:  # which is reported with the others
-            return None
-        pairs = zip(cells, names, strict=True)
-        units = [c.strip() for c, name in pairs if name not in (None, *LABELS) and c.strip()]
-        is_one = {cell.casefold() for cell in units} - MISSING and not any(map(is_number, units))
-        return cells if is_one else None
-
-    def full(self, row: Row, width: int) -> Row:
+    def _full(self, line: int, cells: list[str], width: int) -> list[str]:
         """A row of as many cells as there are columns."""
-        cells = row.cells
-        while len(cells) > width and not cells[-1].strip():
-            cells = cells[:-1]
-        if len(cells) != width:
+        if len(cells) < width or any(cells[width:]):
             accepted = f"{width} are needed, one for each column of the header"
-            raise InputError(self.path, row.line, f"{len(cells)} cells", accepted)
-        return Row(row.line, cells)
+            raise InputError(self.path, line, f"{len(cells)} cells", accepted)
+        return cells[:width]
 
-    def find_mark(self, rows: list[Row], places: Iterable[int]) -> None:
-        """The decimal mark: the first one in the file."""
-        cells = (row.cells[at] for row in rows for at in places)
-        first = next((cell for cell in cells if "," in cell or "." in cell), "")
-        if self.delimiter != "," and "," in first and "." not in first:
-            self.mark = ","
-            self.remarks.append(COMMAS)
-
-    def numbers(self, name: str, cells: list[str], rows: list[Row]) -> np.ndarray:
-        """Cells as numbers, NaN if empty."""
-        values = np.array(list(map(self._number, cells)))
-        for k in np.flatnonzero(~np.isfinite(values)):
-            if cells[k]:
-                problem = f"{name} is {cells[k][:80]!r}"
-                raise InputError(self.path, rows[k].line, problem, NUMBER.format(self.mark))
-        return values
+    def _with_units(self, header: list[str], numbers: list[int]) -> list[str]:
+        """The header with the units of the row below it, which is one of units if it holds no number."""
+        _, units = self.rows[0]
+        stated = [units[k] for k in numbers if units[k]]
+        if not {cell.casefold() for cell in stated} - MISSING or any(map(_is_number, stated)):
+            return header
+        self.rows = self.rows[1:]
+        stated = [cell.strip("[]() ") if k in numbers else "" for k, cell in enumerate(units)]
+        pairs = zip(header, stated, strict=True)
+        return [h if not u or u == read_header(h).unit else f"{h} [{u}]" for h, u in pairs]
 
     def _number(self, cell: str) -> float:
         """NaN where a cell has no number."""
@@ -197,10 +180,16 @@ class Sheet:
             return math.nan
 
 
-def is_number(cell: str) -> bool:
+def _name(header: str) -> str | None:
+    """The name of a column, None of one that is not known, or refused where the table is read."""
+    with suppress(DataError):
+        return read_header(header).name
+    return None
+
+
+def _is_number(cell: str) -> bool:
     """Whether it is meant as one, finite or not."""
-    try:
+    with suppress(ValueError):
         float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
+        return True
+    return False

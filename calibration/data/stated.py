@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from calibration.data.units import Relative, quantity
+from calibration.data.units import parted, quantity
 from calibration.errors import DataError, is_finite_number, shown
 from calibration.parameters import Parameter
 from calibration.schema import Refused
@@ -28,12 +28,12 @@ def measure(
         value = stated
         if isinstance(stated, str):
             try:
-                value = quantity(stated, si)
+                number, written = parted(stated, si)
+                value = number if of_rows and written == "%" else quantity(stated, si)
             except DataError as error:
                 more = "" if error.argument == "quantity" else f", {error.accepted}"
                 raise ValueError(unit + more) from None
-        is_part = isinstance(value, Relative) and not of_rows
-        if is_part or not is_finite_number(value) or not (value > 0 or (from_zero and value == 0)):
+        if not is_finite_number(value) or not (value > 0 or (from_zero and value == 0)):
             raise ValueError(unit)
         return stated if of_rows and isinstance(stated, str) else float(value)
 
@@ -77,7 +77,7 @@ def _in_si(name: str, value: Any, key: str) -> Any:
     if si is None:
         raise DataError(key, f'"{value}"', "a number in SI")
     try:
-        return float(quantity(value, si))
+        return quantity(value, si)
     except DataError as error:
         raise DataError(key, f'"{value}"', error.accepted) from None
 

@@ -2,7 +2,6 @@
 
     unit_of("mm s⁻¹", "m/s")         # 1/1000
     quantity("69 GPa", "Pa")         # 6.9e10
-    quantity("5 %", "m/s")           # Relative(0.05): of the quantity itself
 
 What is a unit, and how large it is, pint knows. Sizes are exact fractions, so that 12 cm/s is the
 double nearest to 0.12 m/s. Only of lengths, times and speeds may the case of letters be another
@@ -43,10 +42,6 @@ LONGEST = 100  # characters of a quantity that are read
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 
 
-class Relative(float):
-    """An uncertainty stated as a fraction of the quantity itself: 0.05 for 5 %."""
-
-
 def unit_of(text: str, si: str) -> Fraction:
     """The unit's size in a unit of SI, that of "" is none; refused with some that are accepted."""
     size = _find(text, si)
@@ -70,21 +65,18 @@ def in_si(values: Any, unit: Fraction) -> Any:
 
 
 def quantity(text: str, si: str) -> float:
-    """A number with its unit, such as `12.7 mm`, in SI; a percentage is `Relative`; raises DataError."""
+    """A number with its unit, such as `12.7 mm`, in SI; raises DataError."""
+    number, unit = parted(text, si)
+    return in_si(number, unit_of(unit, si))
+
+
+def parted(text: str, si: str) -> tuple[float, str]:
+    """The number and the unit of such a text."""
     match = re.fullmatch(rf"({NUMBER})\s*([^\d\s.,eE+-].*)", text.strip()[:LONGEST])
     if match is None:
         example = NAMED.get(si, si).split()[0]
         raise DataError("quantity", repr(text), f"a number, or one with its unit, `1.5 {example}`")
-    if _plain(match[2]) == "%":
-        return Relative(_exactly(match[1], PERCENT))
-    return _exactly(match[1], unit_of(match[2], si))
-
-
-def _exactly(text: str, unit: Fraction) -> float:
-    """The double nearest to a decimal number of units."""
-    if 1e-200 < abs(float(text)) < 1e200:  # else as a fraction it may have any number of digits
-        return float(Fraction(text) * unit)
-    return in_si(float(text), unit)
+    return float(match[1]), match[2]
 
 
 def _plain(text: str) -> str:
@@ -109,9 +101,8 @@ def _size(name: str, si: str) -> Fraction | None:
     if not UNIT.fullmatch(name) or re.search(r"\d\d", name):
         return None
     if name.endswith(si) and si[0] != "k" and (prefix := name.removesuffix(si)) in POWERS:
-        return (
-            Fraction(10) ** POWERS[prefix]
-        )  # without pint, which takes a twentieth of a short fit
+        # without pint, which takes a twentieth of a short fit
+        return Fraction(10) ** POWERS[prefix]
     registry = _registry()
     try:
         stated, target = (registry.parse_units(POWER.sub(r"**\1", unit)) for unit in (name, si))

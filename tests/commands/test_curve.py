@@ -156,8 +156,8 @@ def test_velocities_are_read_from_files_and_standard_input(name, at, monkeypatch
         ("0.5\n1,5\n", 2, "2 cells|1"),
         ("colour\n1\n", 1, "velocity|header"),
         ("velocity [kg]\n1\n", 1, "[kg]|m/s"),
-        ("velocity\n", None, "0 velocities"),
-        ("", None, "0 velocities"),
+        ("velocity\n", 1, "no rows"),
+        ("", 1, "nothing in the file"),
         ("\n".join(["velocity", *["1.5"] * 70_000, "slow"]), 70_002, "'slow'"),
     ],
 )

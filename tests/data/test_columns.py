@@ -160,6 +160,8 @@ def test_what_a_percentage_is_of(columns, uncertainty, velocity_uncertainty):
         assert data.velocity_uncertainty is None
         return
     assert data.velocity_uncertainty[0] == pytest.approx(velocity_uncertainty, rel=1e-14)
+    for_all = READ({"v": [2.0], "e [%]": [50.0]}, uncertainty="2 %")
+    assert for_all.uncertainty[0] == pytest.approx(0.02, rel=1e-14)
     words = "percentage points" if "e [%]" in columns else "relative to its quantity"
     assert any("uncertainty in %" in remark and words in remark for remark in data.remarks)
 

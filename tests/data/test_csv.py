@@ -66,7 +66,7 @@ READ = {
     'sep=;\r\n"v (cm/s)";"e (%)";"remark, if any"\r\n"100";"64";"first; not ""clean"""\r\n50;32;\r\n': ([1, 0.5], [0.64, 0.32], (3, 4), "'remark, if any'"),
     "velocity\trestitution\tx\n(cm/s)\t(%)\t\n12\t95\ta\n300\t70\tb\n": ([0.12, 3], [0.95, 0.7], (3, 4), "'x'"),
     "velocity [cm/s];restitution\ncm/s;%\n12,0;95\n3,0e2;70\n": ([0.12, 3], [0.95, 0.7], (3, 4), "commas"),
-    "v,e\ncm/s,\n100,0.9\n": ([1], [0.9], (3,), "velocity ('v')"),
+    "v,e\ncm/s,\n100,0.9\n": ([1], [0.9], (3,), "velocity ('v [cm/s]')"),
     "v,e,specimen\n,,A\n1,0.9,B\n": ([1], [0.9], (3,), "row 1"),
     "operator,v,e,t\nMüller,1.0,0.9,12:30\n,2.0,0.8,\n": ([1, 2], [0.9, 0.8], (2, 3), "'operator'"),
     "v,e,specimen\n1,0.9,a\n2,,a\n# pause\n3,0.7,b\n": ([1, 3], [0.9, 0.7], (2, 5), "1 row(s)"),
