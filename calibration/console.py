@@ -160,19 +160,24 @@ def signals_handled() -> Iterator[None]:
         raise Stopped(number)
 
     def lost(unraisable: Any) -> None:
-        """Raise once more, soon, what a callback of the garbage collector swallowed."""
+        """Raise again, until it is heard, what a callback of the garbage collector swallowed."""
         if isinstance(unraisable.exc_value, Stopped):
-            again = threading.Timer(0.01, signal.raise_signal, (unraisable.exc_value.number,))
-            again.daemon = True
-            again.start()
+            number = unraisable.exc_value.number
+            threading.Thread(target=insist, args=(number,), daemon=True).start()
         else:
             hook(unraisable)
 
+    def insist(number: int) -> None:
+        while not ended.wait(0.1):  # it may come while this hook still runs, which swallows it too
+            signal.raise_signal(number)
+
     hook, sys.unraisablehook = sys.unraisablehook, lost
+    ended = threading.Event()
     try:
         with _handlers(stop):
             yield
     finally:
+        ended.set()
         sys.unraisablehook = hook
 
 
