@@ -16,6 +16,7 @@ from jaxtyping import ArrayLike, Float, Int
 
 import softjax as sj
 from calibration.data.checks import check_whole
+from calibration.data.json_file import plain
 from calibration.errors import DataError, listed
 from calibration.fitting.curves import yield_velocity
 from calibration.fitting.result import FitResult
@@ -114,10 +115,10 @@ class Design(Planned):
 
     def to_dict(self) -> dict[str, Any]:
         """A dictionary for JSON."""
-        left_out = ("symbols", "target_symbol", "grid", "slopes", "sensors", "without")
+        left_out = ("symbols", "target_symbol", "grid", "slopes", "without")
         table = {name: value for name, value in vars(self).items() if name not in left_out}
         table["support"] = [{"velocity": v, "shots": n} for v, n in self.support]
-        return self._as_dict(table)
+        return plain(table | {"without_sensors": self.without})
 
     def __str__(self) -> str:
         shots = []
@@ -213,7 +214,6 @@ def optimal_velocities(
     *,
     criterion: str = "c",
     target: str | None = None,
-    objective: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     material: str | None = None,
     over: tuple[float, float] | None = None,
@@ -242,7 +242,7 @@ def optimal_velocities(
             velocities `over`.
         target: a parameter, or a number that follows from them as a fit's table has it, such as
             eps_up; chi where there is one, else the first parameter, if left out. For c alone.
-        objective, parameters, material, route, sensors: as `fisher_information` takes them.
+        parameters, material, route, sensors: as `fisher_information` takes them.
         over: where the curve is to be predicted by criterion I; the bounds if left out.
         uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own, which is
             that of a point of the same kind as its data at that velocity.
@@ -261,31 +261,28 @@ def optimal_velocities(
     low, high = both_ends("bounds", bounds)
     if not (0 < low < high < np.inf):
         raise DataError("bounds", bounds, "(lowest, highest) velocity above 0 m/s")
-    other = f"left out with criterion {criterion}"
-    for name, argument, acts, accepted in (
-        ("target", target, criterion == "c", other),
-        ("over", over, criterion == "I", other),
-        ("measured_uncertainty", measured_uncertainty, measured is not None, "given with measured"),
-    ):
-        if argument is not None and not acts:
-            raise DataError(name, argument, accepted)
+    if measured is None and measured_uncertainty is not None:
+        raise DataError("measured_uncertainty", measured_uncertainty, "given with measured")
+    for name, argument, acts in (("target", target, "c"), ("over", over, "I")):
+        if argument is not None and criterion != acts:
+            raise DataError(name, argument, f"left out with criterion {criterion}")
     if uncertainty is not None and not (np.isfinite(uncertainty) and uncertainty > 0):
         raise DataError("uncertainty", uncertainty, "positive")
     over = (low, high) if over is None else both_ends("over", over)
     u = USUAL_NOISE if uncertainty is None else uncertainty
     measured_u = u if measured_uncertainty is None else measured_uncertainty
     known = None if measured is None else (measured, measured_u)
-    reach = [low, high, *(over if criterion == "I" else ())]
-    stated = reach, parameters, objective, route, material, uncertainty, sensors, known
+    of: Any = {"parameters": parameters, "route": route, "material": material, "sensors": sensors}
     laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
     if not laws:
         raise DataError("law", law, "one law or more, or a FitResult")
-    plans = [plan_of(law, *stated) for law in laws]
+    reach = [low, high, *(over if criterion == "I" else ())]
+    plans = [plan_of(law, reach, uncertainty=uncertainty, measured=known, **of) for law in laws]
     first, even = plans[0], np.linspace(low, high, count)
     symbols = dict(zip(first.names, first.symbols, strict=True))
     with jax.enable_x64(True):
         target = _target_of(target, first)
-        aims = dict(zip(first.names, np.eye(len(first.names)), strict=True))
+        aims: dict[str, np.ndarray] = first.aims
         aims[target] = np.stack([_gradient_of(target, plan) for plan in plans])
         weight = _weight(criterion, plans, aims[target], over)
         rule = Criterion(weight, np.stack([plan.before for plan in plans]))
@@ -327,7 +324,7 @@ def optimal_velocities(
             efficiency=min(math.exp(bound - level), 1.0),
             grid=grid,
             slopes=first.slopes(grid)[1],
-            taken_as_known=first.taken_as_known([target] if criterion == "c" else first.names),
+            taken_as_known=first.taken_as_known,
             sensors=first.sensors,
             without=without,
         )

@@ -41,7 +41,6 @@ NO_BOUND = 100.0  # and from which no number is given for it
 ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
 TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
 ROUNDED = 1.1  # times the error of a direction: that of its product with the exponents as written
-NO_MODEL = "model: information and designs are those of the likelihood"
 BY_HAND = (
     "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
     "--chi … --sigma … --psi … --study design --from …`"
@@ -92,6 +91,24 @@ class Plan:
         pairs, model = self.material.free.items(), self.material.model
         return tuple(symbol(n, model).text + label.removeprefix(n) for n, label in pairs)
 
+    @property
+    def aims(self) -> dict[str, Float[np.ndarray, "p"]]:
+        """Each parameter as a product of powers of all."""
+        return dict(zip(self.names, np.eye(len(self.names)), strict=True))
+
+    @property
+    def taken_as_known(self) -> tuple[str, ...]:
+        """A sentence for each parameter that the fit did not determine."""
+        if self.result is None:
+            return ()
+        sentences, fit = [], self.result.material(self.material.name)
+        for name in (name for name in fit.free if name not in self.material.free):
+            estimate, why = fit.parameters.get(name), "is not determined"
+            if estimate is not None and estimate.at_bound and estimate.value is not None:
+                why = f"is at its bound {number(estimate.value, 4)}"
+            sentences.append(f"{name} {why} and is taken as known: errors may be larger")
+        return tuple(sentences)
+
     def slopes(
         self, velocity: Column, observable: str = RESTITUTION
     ) -> tuple[Column, Float[np.ndarray, "n p"]]:
@@ -113,44 +130,16 @@ class Plan:
             total = total + row[:, :, None] * row[:, None, :]
         return total, np.broadcast_to(np.asarray(error, float), velocity.shape)
 
-    def taken_as_known(self, targets: Sequence[str]) -> tuple[str, ...]:
-        """A sentence for each parameter that the fit did not determine, with intervals of the targets."""
-        if self.result is None:
-            return ()
-        whose = "error" if len(targets) == 1 else "errors"
-        more = f": the {whose} of {', '.join(targets)} may be larger"
-        confidence = f"the fit's {100 * self.result.confidence:g} % interval of"
-        for name in targets:
-            estimate = self.result.estimates.get(name)
-            if estimate is None or estimate.low is None or estimate.high is None:
-                continue
-            more += (
-                f"; {confidence} {name} is {number(estimate.low, 4)} to {number(estimate.high, 4)}"
-            )
-            if estimate.value:
-                parts = (
-                    f"{100 * (end / estimate.value - 1):+.2g} %"
-                    for end in (estimate.low, estimate.high)
-                )
-                more += f" ({' to '.join(parts)})"
-        sentences, fit = [], self.result.material(self.material.name)
-        for name in (name for name in fit.free if name not in self.material.free):
-            estimate, why = fit.parameters.get(name), "is not determined"
-            if estimate is not None and estimate.at_bound and estimate.value is not None:
-                why = f"is at its bound {number(estimate.value, 4)}"
-            sentences.append(f"{name} {why} and is taken as known{more}")
-        return tuple(sentences)
-
 
 def plan_of(
     law: Any,
     reach: Any,
-    parameters: Mapping[str, Any] | None,
-    objective: str | None,
-    route: Route,
-    material: str | None,
-    uncertainty: Any,
-    sensors: Mapping[str, float] | None,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    route: Route = None,
+    material: str | None = None,
+    uncertainty: Any = None,
+    sensors: Mapping[str, float] | None = None,
     measured: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> Plan:
     """The plan for a law, or for one of a fit's materials.
@@ -166,26 +155,24 @@ def plan_of(
             accepted = f"of {', '.join(n for n in OBSERVABLES if n in known)}"
             raise DataError("sensors", name, accepted + did_you_mean(name, known))
         sized[name] = as_number(f"sensors[{name!r}]", size, lambda u: u > 0, positive)
-    if objective not in (None, "model"):
-        raise DataError("objective", objective, NO_MODEL)
-    reach = np.asarray(reach, float).ravel()
+    reach, is_fit = np.asarray(reach, float).ravel(), isinstance(law, FitResult)
+    if not is_fit and not isinstance(law, sj.ContactLaw):
+        raise DataError("law", law, "a contact law or a FitResult")
+    own = {"parameters": parameters, "measured": measured} if is_fit else {"material": material}
+    for name in (name for name, value in own.items() if value is not None):
+        raise DataError(
+            name, own[name], f"left out with a {'fit, which has its own' if is_fit else 'law'}"
+        )
     with jax.enable_x64(True):
-        if isinstance(law, FitResult):
-            for name, value in (("parameters", parameters), ("measured", measured)):
-                if value is not None:
-                    raise DataError(name, value, "left out with a fit, which has its own")
+        if is_fit:
             plan = _of_fit(law, material, reach, route)
-        elif not isinstance(law, sj.ContactLaw):
-            raise DataError("law", law, "a contact law or a FitResult")
-        elif material is not None:
-            raise DataError("material", material, "left out with a law")
         else:
-            v, u = ((), 1.0) if measured is None else measured
-            v, u = checked_impacts(v, u, "measured")
+            old, size = ((), 1.0) if measured is None else measured
+            v, u = checked_impacts(old, size, "measured")
             plan = _of_law(law, np.append(v, reach), parameters or {}, route, sized)
             if v.size:
-                measured_information = replace(plan, uncertainty=u).shots(v)[0]
-                plan = replace(plan, before=plan.before + np.sum(measured_information, axis=0))
+                information = replace(plan, uncertainty=u).shots(v)[0]
+                plan = replace(plan, before=plan.before + np.sum(information, axis=0))
     contact = plan.material.data.contact
     if contact is not None and any(map(np.ndim, contact.leaves().values())):
         raise DataError("contact", "other for each impact", "one for all impacts")
@@ -195,9 +182,12 @@ def plan_of(
     return replace(plan, sensors=sized, uncertainty=uncertainty)
 
 
-def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike, name: str):
-    """Velocities and uncertainties of one length."""
-    v, u = np.asarray(velocity, float).ravel(), np.asarray(uncertainty, float)
+def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike | None, name: str):
+    """Velocities, and uncertainties of one length if any."""
+    v = np.asarray(velocity, float).ravel()
+    if uncertainty is None:
+        return v, None
+    u = np.asarray(uncertainty, float)
     if not (np.all(np.isfinite(u)) and np.all(u > 0)):
         raise DataError("uncertainty", uncertainty, "positive")
     if u.ndim and u.shape != v.shape:
@@ -269,7 +259,8 @@ def _truth(law: Any, local: Element) -> Any:
 def _of_fit(result: FitResult, name: str | None, reach: Column, route: Route) -> Plan:
     material = result.material(name)
     if material.objective != "model":
-        raise DataError("objective", material.objective, f'{NO_MODEL}; fit with "model"')
+        accepted = 'model: information and designs are those of the likelihood; fit with "model"'
+        raise DataError("objective", material.objective, accepted)
     low, high = material.known_from, material.known_to
     for outside in reach[(reach < low) | (reach > high)][:1]:
         end = f"up to {high:.4g} m/s" if low <= 0 else f"{low:.4g} m/s or more"
@@ -346,10 +337,6 @@ class Planned:
         lines = (f"  {symbol}: {text(error)} ({text(other)})" for symbol, error, other in rows)
         return [f"Relative standard errors with {shown} in each impact (without):", *lines]
 
-    def _as_dict(self, table: Mapping[str, Any]) -> dict[str, Any]:
-        named = {"sensors": self.sensors, "without_sensors": self.without}
-        return plain({**table, **(named if self.sensors else {})})
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Information(Planned):
@@ -416,8 +403,10 @@ class Information(Planned):
             "words": self.words,
             "taken_as_known": self.taken_as_known,
             "before": self.before,
+            "sensors": self.sensors,
+            "without_sensors": self.without,
         }
-        return self._as_dict(table)
+        return plain(table)
 
     def __str__(self) -> str:
         where = f", {self._range}" if len(self.velocity) else ""
@@ -450,7 +439,6 @@ def fisher_information(
     law: sj.ContactLaw | FitResult,
     velocity: ArrayLike = (),
     uncertainty: ArrayLike | None = None,
-    objective: str | None = None,
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     *,
     parameters: Mapping[str, Any] | None = None,
@@ -467,7 +455,6 @@ def fisher_information(
         uncertainty: standard uncertainty of each ε, one number or (n,); 0.01 where left out, for a
             fit that of a point of the same kind as its data (a drop from that height with its
             uncertainty, say), scatter and the offset of another group included.
-        objective: "model"; nothing else has information.
         route: from the law to ε; the energy balance where it can, unless stated.
         parameters: which are free, and their priors, as `fit` takes them: {"psi": 0.54} holds ψ,
             {"contact.youngs_modulus": cal.Parameter(prior=(2e11, 1e10))} is a nuisance.
@@ -478,25 +465,25 @@ def fisher_information(
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
-    plan = plan_of(law, velocity, parameters, objective, route, material, None, sensors)
-    v, u = checked_impacts(velocity, 1.0 if uncertainty is None else uncertainty, "velocity")
-    if not (v.size or isinstance(law, FitResult)):
+    v, u = checked_impacts(velocity, uncertainty, "velocity")
+    of: Any = {"parameters": parameters, "route": route, "material": material, "sensors": sensors}
+    plan = plan_of(law, v, uncertainty=u, **of)
+    if not (v.size or plan.result):
         raise DataError("velocity", "empty", "one velocity [m/s] or more")
     if not np.all(np.isfinite(v) & (v > 0)):
         raise DataError("velocity", velocity, "positive speeds in m/s")
-    if uncertainty is not None:
-        plan = replace(plan, uncertainty=u)
 
     def information(plan: Plan) -> tuple[Matrices, Column]:
         if not v.size:
-            return plan.before, u
+            return plan.before, v
         with jax.enable_x64(True):
             added, error = plan.shots(v)
         return plan.before + np.sum(added, axis=0), error
 
     matrix, error = information(plan)
-    bare = information(replace(plan, sensors={}))[0] if plan.sensors else matrix
-    aims = dict(zip(plan.names, np.eye(len(plan.names)), strict=True))
+    without = None
+    if plan.sensors:
+        without = errors_of(information(replace(plan, sensors={}))[0], plan.aims)
     return Information(
         names=plan.names,
         symbols=plan.symbols,
@@ -504,8 +491,8 @@ def fisher_information(
         velocity=v,
         uncertainty=error,
         matrix=matrix,
-        before=errors_of(plan.before, aims) if np.any(plan.before) else None,
-        taken_as_known=plan.taken_as_known(plan.names),
+        before=errors_of(plan.before, plan.aims) if np.any(plan.before) else None,
+        taken_as_known=plan.taken_as_known,
         sensors=plan.sensors,
-        without=errors_of(bare, aims) if plan.sensors else None,
+        without=without,
     )

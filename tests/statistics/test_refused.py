@@ -67,6 +67,7 @@ def two_step():
     return quick(None, DATA, objective="two-step", route=sj.EnergyBalance())
 
 
+AT_3 = ((information, [3.0]), (design, 3, (0.1, 8.0)))
 REFUSED = [
     # fits
     (lambda: fit(optimiser="bfgs"), '`optimiser` must be "l-bfgs"'),
@@ -127,7 +128,6 @@ REFUSED = [
     (lambda: information(LAW, [1.0, -1.0, 2.0, 3.0]), "velocity"),
     (lambda: information(LAW, [1.0, 1e4, 2.0, 3.0]), "velocity"),
     (lambda: information(uncertainty=0.0), "uncertainty"),
-    (lambda: information(objective="two-step"), "`objective` must be model: information and designs"),
     (lambda: information(material="nylon"), "material"),
     (lambda: information(parameters={"colour": 1.0}), "parameter"),
     (lambda: information(parameters={"psi": 0.7}), "the value of the law, 0.5414"),
@@ -136,8 +136,8 @@ REFUSED = [
     (lambda: information(sensors={"contact_time": 0}), "must be a positive relative uncertainty, but is 0"),
     (lambda: information(above(), [0.5 * CRITICAL]), "where this fit knows the law"),
     (lambda: information(quick(), [2.0], parameters={"restitution": 0.9}), "`parameters` must be left out"),
-    *((lambda f=f: f(two_step(), 3, (0.1, 8.0)), "`objective` must be model: .*but is two-step") for f in (information, design)),
-    *((lambda f=f: f(of_several_contacts(), 3, (0.1, 8.0)), "`contact` must be one for all impacts") for f in (information, design)),
+    *((lambda f=f, a=a: f(two_step(), *a), "`objective` must be model: .*but is two-step") for f, *a in AT_3),
+    *((lambda f=f, a=a: f(of_several_contacts(), *a), "`contact` must be one for all impacts") for f, *a in AT_3),
     # designs
     (lambda: design(count=True), "`count` must be a whole number"),
     (lambda: design(bounds=(2.0, 1.0)), "bounds"),
