@@ -9,7 +9,6 @@ from scipy import special
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting import warnings
 from calibration.fitting.errors import Carried, Errors
 from calibration.fitting.laws import LINE, eq_17, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
@@ -19,10 +18,11 @@ from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted
 from calibration.fitting.uncertainty import NULL_SHARE, leverages, quantile
 from calibration.fitting.warnings import FitWarning
-from calibration.fitting.warnings_of import named, of_component, of_set
+from calibration.fitting.warnings_of import Found, of_component, of_set, raised
 from calibration.observables import RESTITUTION
 from calibration.parameters import NONE
 
+APART = 2.0  # standard errors between the two objectives
 RARE = 0.05  # probability that the farthest of n normal errors is named
 MOST_OUTLIERS = 100  # of one data set
 NO_ERRORS = 1e-9  # of ε: residuals below are none
@@ -307,7 +307,8 @@ def _with_eq_17(fit: ComponentFit, g: int, part: MaterialFit):
     law = problem.law_of(alone.theta, place)
     values = {name: float(getattr(law, name)) for name in ("limit_velocity", "sigma", "psi")}
     part = replace(part, rms_empirical=rms, empirical=values)
-    return part, _disagreements(fit, part) if two_step and rms >= NOISELESS else []
+    disagreements = _disagreements(fit, part) if two_step and rms >= NOISELESS else ()
+    return part, raised(part.name, disagreements)
 
 
 def _eq_17_alone(data: RestitutionData) -> ComponentFit | None:
@@ -318,17 +319,20 @@ def _eq_17_alone(data: RestitutionData) -> ComponentFit | None:
     return fitted(Request((plain,)).with_options(law="eq-17", **PLAIN))[0]
 
 
-def _disagreements(two: ComponentFit, part: MaterialFit) -> list[FitWarning]:
-    """Warnings where a fit by `model` has another ε_up or χ̃, by more than their errors."""
+def _disagreements(two: ComponentFit, part: MaterialFit) -> Found:
+    """Whether a fit by `model` has another ε_up or χ̃, by more than their errors."""
     free = {e.name: e.parameter.prior for e in two.component.elements}
     plainly_free = set(free) == {"chi", "sigma", "psi"} and not any(free.values())
     if len(two.component.sets) > 1 or not plainly_free:
-        return []
+        return
     fit = fitted(Request((part.data,), part.model.options).with_options(law="zhou", **PLAIN))[0]
     others = derived_of(fit, 0, 0.95)
     for k, element in enumerate(fit.component.elements):
         others[element.name] = estimate_of(fit, k, None, 0.95)
     by_two_step = {**part.derived, **part.parameters}
-    pairs = {name: (others.get(name), by_two_step.get(name)) for name in ("eps_up", "chi")}
-    causes = (warnings.disagreement(name, *pair) for name, pair in pairs.items())
-    return list(named("objectives-disagree", causes, part.name))
+    for name in (n for n in ("eps_up", "chi") if n in others and n in by_two_step):
+        values = [(e.value, e.standard_error) for e in (others[name], by_two_step[name])]
+        (one, error), (other, its_error) = np.array(values, float)  # NaN where there is none
+        if abs(one - other) > APART * np.hypot(error, its_error):
+            by_model = f"{name} is {one:.4g} ± {error:.2g} by `model`"
+            yield "objectives-disagree", f"{by_model}, {other:.4g} ± {its_error:.2g} by `two-step`"

@@ -1,26 +1,42 @@
-"""Which warnings a fit raises, where `calibration.fitting.warnings` has the tests and the advice.
+"""Which warnings a fit raises.
+
+Functions yield codes of `calibration.fitting.warnings.ADVICE` with their causes in words, None where there is
+none, and with advice of their own where that of the code does not fit.
 
 Another end of a search counts as another minimum only if the gradient vanishes there and the cost rises
 on the straight way from it to the best. A straight way that rises does not prove that every bent one
 does; of a valley so level that the gradient vanishes at two places along it no other minima are reported."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy import special
 
 import softjax as sj
 from calibration.data import plausibility
-from calibration.fitting import warnings
 from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate, Goodness, MaterialFit
+from calibration.fitting.noise import Normal
 from calibration.fitting.problem import Element, Lanes
 from calibration.fitting.profiles import Profile, weighted_deviation
 from calibration.fitting.stages import ComponentFit, StageFit
-from calibration.fitting.warnings import FitWarning
+from calibration.fitting.warnings import CONFIDENCE, OTHER_LAWS, FitWarning, runs
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.rounding import with_error
 
+COLLINEAR = 0.99  # correlation from which on two parameters count as one number
+SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
+SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
+VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be right
+NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
+FEWEST_GROUPS = 4  # of which one may be far from the others
+FEWEST_POINTS = 10  # that show a trend
+FAR_FROM_STATED = 3.0  # times a stated uncertainty
+LINE_ROUNDS = 50  # of a straight line and the weights of its points in turn
+FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
 NO_RESIDUAL = 1e-12  # of ε
 MOST_OFF = 0.5  # rms of an observable other than ε, in parts of its values
 MODULUS_OFF = 2.0  # errors by which the modulus of the contact times is off
@@ -31,7 +47,7 @@ STATIONS = 32
 LEFT_UNDONE = 1e-8
 LEAST_NOISE = 1e-10  # of ε: less is no noise
 LAW_OR_GROUPS = (
-    f"The law misses a trend ({warnings.OTHER_LAWS}), or other points belong together than those of the "
+    f"The law misses a trend ({OTHER_LAWS}), or other points belong together than those of the "
     "groups; intervals are too narrow."
 )
 WITH_PROFILES = (
@@ -41,10 +57,14 @@ WITH_PROFILES = (
 AT_ONE = (
     "The data show no loss but the plastic one: eps_up cannot exceed 1; its interval is one-sided."
 )
+OF_UNITS = "Check the unit and the bodies; of dents, which diameter was measured (`dent`)."
+Column = Float[np.ndarray, "n"]
+Found = Iterator[tuple[str, str | None] | tuple[str, str | None, str]]  # code, cause, advice
 
 
-def named(code: str, causes: Iterable[str | None], owner: str | None) -> Iterator[FitWarning]:
-    return (FitWarning(code, cause, owner) for cause in causes if cause)  # type: ignore[arg-type]
+def raised(owner: str | None, found: Iterable[tuple[str | None, ...]]) -> list[FitWarning]:
+    """A warning about a data set (None: about several) for each cause."""
+    return [FitWarning(code, cause, owner, *own) for code, cause, *own in found if cause]  # type: ignore[arg-type]
 
 
 def _owner(fit: ComponentFit, sets: tuple[int, ...]) -> str | None:
@@ -52,63 +72,67 @@ def _owner(fit: ComponentFit, sets: tuple[int, ...]) -> str | None:
     return fit.component.specs[sets[0]].data.name if len(sets) == 1 else None
 
 
-def _has_arrays(fit: ComponentFit) -> bool:
-    return any(spec.model.trees for spec in fit.component.specs)
-
-
 def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dict[str, Profile]):
     """Warnings about a component's parameters and searches."""
-    elements, raised = fit.component.elements, []
-    separation = _separation(fit, curves)
-    together: dict[tuple[str, str | None], list[str]] = {}
-    for k, element in enumerate(elements):
+    separation, found = _separation(fit, curves), []
+    open_names: dict[str | None, list[str]] = {}
+    skewed_names: dict[str | None, list[str]] = {}
+    for k, element in enumerate(fit.component.elements):
         if "[" in element.name:  # a number of a network is no parameter that anybody reads
             continue
-        name, owner = element.name, _owner(fit, element.sets)
-        raised += _at_an_end(name, by_element[k], owner)
-        far = _off_prior(element, float(fit.theta[k]))
-        raised += named("prior-conflict", [far], owner)
-        is_open = by_element[k].method == "undetermined" and by_element[k].value is not None
-        if is_open and not by_element[k].at_bound and not _is_apart(separation, name, owner):
-            together.setdefault(("rank-deficient", owner), []).append(name)
-        if by_element[k].skewed:
-            together.setdefault(("skewed", owner), []).append(name)
-    for (code, owner), names in together.items():
-        text, verb = " and ".join(names), "do" if len(names) > 1 else "does"
-        cause = f"the likelihood is skewed in {text}"
-        if code == "rank-deficient":
-            cause = f"{text} {verb} not show in these data, or only together with another"
-        advice = WITH_PROFILES if code == "skewed" and fit.converged and not curves else ""
-        raised.append(FitWarning(code, cause, owner, advice))  # type: ignore[arg-type]
-    raised += _collinear(fit, separation)
+        owner, estimate = _owner(fit, element.sets), by_element[k]
+        found += raised(owner, _of_element(element, estimate, float(fit.theta[k])))
+        is_open = estimate.method == "undetermined" and estimate.value is not None
+        if is_open and not estimate.at_bound and not _is_apart(separation, element.name, owner):
+            open_names.setdefault(owner, []).append(element.name)
+        if estimate.skewed:
+            skewed_names.setdefault(owner, []).append(element.name)
+    for owner, names in open_names.items():
+        text = " and ".join(names) + (" do" if len(names) > 1 else " does")
+        cause = f"{text} not show in these data, or only together with another"
+        found.append(FitWarning("rank-deficient", cause, owner))
+    for owner, names in skewed_names.items():
+        cause = f"the likelihood is skewed in {' and '.join(names)}"
+        advice = WITH_PROFILES if fit.converged and not curves else ""
+        found.append(FitWarning("skewed", cause, owner, advice))
+    found += _collinear(fit, separation)
     for stage in fit.stages:
-        name, reason = stage.report.stage, stage.report.reason
-        crossed = f"{stage.crossings} points changed between elastic and plastic on the way"
-        lone = f"{name}: one search alone ended so low, and it misses the points"
-        causes = {
-            "not-converged": "" if stage.ends.converged[0] else f"{name}: {reason}",
-            "branch-change": crossed if stage.crossings else "",
-            "several-minima": lone if stage.alone else "",
-        }
-        for code, cause in causes.items():
-            for data in stage.problem.datasets:
-                raised += named(code, [cause], data.name)
+        for data in stage.problem.datasets:
+            found += raised(data.name, _of_search(stage))
         for k, rise in _other_minima(fit, stage, by_element).items():
+            element = fit.component.elements[k]
             higher = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
-            cause = f"another minimum for {elements[k].name} has a chi squared {higher}"
-            raised.append(FitWarning("several-minima", cause, _owner(fit, elements[k].sets)))
-    return raised + separation
+            cause = f"another minimum for {element.name} has a chi squared {higher}"
+            found.append(FitWarning("several-minima", cause, _owner(fit, element.sets)))
+    return found + separation
 
 
-def _at_an_end(name: str, estimate: Estimate, owner: str | None) -> Iterator[FitWarning]:
+def _of_element(element: Element, estimate: Estimate, value: float) -> Found:
+    name = element.name
     if estimate.value is None:
         # the cost falls, ever less, however large the parameter gets
-        cause = f"{name} grows without bound: any large value is as good"
-        yield FitWarning("at-bound", cause, owner)
+        yield "at-bound", f"{name} grows without bound: any large value is as good"
     elif estimate.at_bound:
         # no bound that somebody gave: ε_17 is 1 at most
         advice = AT_ONE if name == "eps_up" and estimate.value == 1 else ""
-        yield FitWarning("at-bound", f"{name} is at its bound {estimate.value:.4g}", owner, advice)
+        yield "at-bound", f"{name} is at its bound {estimate.value:.4g}", advice
+    mean, deviation = element.parameter.prior or (0.0, np.inf)
+    off = abs(value - mean) / deviation
+    if off > FROM_PRIOR:
+        text = f"{name} is {value:.3g}, {off:.2g} standard deviations of its prior "
+        yield "prior-conflict", text + f"({mean:.3g} ± {deviation:.2g}) from the mean of that"
+
+
+def _of_search(stage: StageFit) -> Found:
+    name = stage.report.stage
+    if not stage.ends.converged[0]:
+        yield "not-converged", f"{name}: {stage.report.reason}"
+    if stage.crossings:
+        crossed = f"{stage.crossings} points changed between elastic and plastic on the way"
+        yield "branch-change", crossed
+    if stage.alone:
+        lone = f"{name}: one search alone ended so low, and it misses the points"
+        yield "several-minima", lone
 
 
 def _is_apart(separation: list[FitWarning], name: str, owner: str | None) -> bool:
@@ -117,27 +141,16 @@ def _is_apart(separation: list[FitWarning], name: str, owner: str | None) -> boo
     return name in ("sigma", "psi") and owner in owners
 
 
-def _off_prior(element: Element, value: float) -> str | None:
-    mean, deviation = element.parameter.prior or (0.0, np.inf)
-    off = abs(value - mean) / deviation
-    if off <= warnings.FROM_PRIOR:
-        return None
-    return (
-        f"{element.name} is {value:.3g}, {off:.2g} standard deviations of its prior "
-        f"({mean:.3g} ± {deviation:.2g}) from the mean of that"
-    )
-
-
 def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarning]:
     """Two parameters of a likelihood that are determined together only, and what of them is known."""
-    if not fit.is_likelihood or _has_arrays(fit):
+    if not fit.is_likelihood or any(spec.model.trees for spec in fit.component.specs):
         return []
     known, points, elements = fit.uncertainty, fit.final.problem.points, fit.component.elements
     covariance = np.where(known.known[:, None] & known.known, known.covariance, 0.0)
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), np.inf))
     correlation = np.triu(covariance / np.outer(size, size), 1)
     by_owner: dict[str | None, FitWarning] = {}  # one is enough of a data set
-    for i, j in np.argwhere(np.abs(correlation) > warnings.COLLINEAR):
+    for i, j in np.argwhere(np.abs(correlation) > COLLINEAR):
         first, second = elements[i], elements[j]
         shared = sorted({*first.sets} & {*second.sets})
         owner = _owner(fit, tuple(shared)) if shared else None
@@ -166,26 +179,33 @@ def _in_the_middle(fit: ComponentFit, points: np.ndarray) -> str:
 
 def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarning]:
     """σ and ψ of Zhou's law that only their combination ε_up is known of; ε_up in their place."""
-    raised = []
+    found = []
     for g, spec in enumerate(fit.component.specs):
         if spec.model.law_type is not sj.Zhou or spec.objective != "model":
             continue
         if spec.by_eps_up:
             cause = "no points below the critical velocity: sigma and psi act through eps_up alone"
-            raised.append(FitWarning("eps-up-only", cause, spec.data.name))
+            found.append(FitWarning("eps-up-only", cause, spec.data.name))
         places = fit.component.places(g)
         if not {"sigma", "psi"} <= {*places}:
             continue
         pair = [places["sigma"], places["psi"]]
         errors = fit.uncertainty.errors[pair]
         labels = [fit.component.elements[k].label for k in pair]
-        wide = [warnings.is_wide(curves[label]) for label in labels if label in curves]
-        if not np.max(errors) <= warnings.SEPARATE or any(wide):
+        wide = [_is_wide(curves[label]) for label in labels if label in curves]
+        if not np.max(errors) <= SEPARATE or any(wide):
             cause = f"the standard error of ln sigma is {errors[0]:.2g}"
             if not np.isfinite(errors[0]):
                 cause = "only one combination of sigma and psi shows"
-            raised.append(FitWarning("sigma-psi-not-separate", cause, spec.data.name))
-    return raised
+            found.append(FitWarning("sigma-psi-not-separate", cause, spec.data.name))
+    return found
+
+
+def _is_wide(profile: Profile) -> bool:
+    """An interval open on a side, or as wide as 4 standard errors of `SEPARATE` log units."""
+    if profile.low is None or profile.high is None or profile.low <= 0:
+        return True
+    return bool(np.log(profile.high / profile.low) > 4 * SEPARATE)
 
 
 def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]):
@@ -217,7 +237,7 @@ def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Es
         spread = weighted_deviation(fit, problem, LEAST_NOISE)
         ends = cost(stage.z, other.z[0])
         rise = float(2 * (ends[1] - ends[0]) / np.mean(spread**2))
-        if rise < warnings.SEVERAL_DELTA:
+        if rise < SEVERAL_DELTA:
             # closely near the ends: the rise around a shallow minimum is there
             shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)[1:-1]) ** 2
             between = cost(*(stage.z + share * way for share in shares))
@@ -233,97 +253,245 @@ def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, 
         residual: fitted less measured ε.
         errors: of the points of each observable.
     """
-    raised: list[FitWarning] = []
+    found: list[FitWarning] = []
     if RESTITUTION in errors:
-        raised += _of_restitution(part, residual, errors[RESTITUTION])
-        raised += named("offset", _offsets(fit, part, residual), part.name)
+        found += _of_restitution(part, residual, errors[RESTITUTION])
+        found += raised(part.name, _of_levels(fit, part, residual))
     for name, goodness in part.observed.items():
-        raised += _of_observable(part, name, goodness, errors[name])
-    return [*raised, *_of_modulus(part)]
+        words = OBSERVABLES[name].words
+        causes = _of_residuals(part, goodness, errors[name], np.array(goodness.standardised))
+        found += raised(
+            part.name, ((c, why and f"{words}: {why}", *own) for c, why, *own in causes)
+        )
+        if goodness.rms > MOST_OFF:  # an estimated scatter takes a wrong unit or size as it is
+            cause = f"{words}: the law misses the values by {100 * goodness.rms:.3g} % (rms)"
+            found.append(FitWarning("plausibility", cause, part.name, OF_UNITS))
+    modulus = modulus_by_times(part)
+    if modulus is not None and abs(modulus.off) > MODULUS_OFF * modulus.error:
+        times = (
+            f"the contact times are those of {np.exp(modulus.off):.3g} times the stated modulus E"
+        )
+        cause = f"{times}, which they determine to {100 * modulus.error:.2g} %"
+        found.append(FitWarning("modulus", cause, part.name))
+    return found
 
 
 def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:
-    """Warnings about one data set's curve.
-
-    Args:
-        residual: fitted less measured ε.
-        errors: those of its points.
-    """
-    data, left, name = part.data, part.residual_degrees, part.name
-    velocity, restitution = errors.velocity, data.restitution[np.isfinite(data.restitution)]
+    """Warnings about one data set's ε."""
+    data, name, velocity = part.data, part.name, errors.velocity
+    restitution = data.restitution[np.isfinite(data.restitution)]
     standardised, is_off = np.array(part.standardised), np.abs(residual) > NO_RESIDUAL
     yields = part.law.elastic_velocity() if isinstance(part.law, sj.RateIndependentLaw) else np.nan
     yields = np.asarray(yields, float)
     ever_yields = bool(np.any((yields > 0) & (yields < np.inf)))
-    raised = [*named("data", (note for note in data.notes if "above 1" in note), name)]
+    found = raised(name, (("data", note) for note in data.notes if "above 1" in note))
     for implausible in plausibility(data):  # about yield only if the law yields
         if ever_yields or implausible.code != "yield-beyond-limit":
             code = "groups" if implausible.code == "groups" else "plausibility"
-            raised.append(FitWarning(code, implausible.cause, name, implausible.advice))
-    misfit, runs = None, warnings.runs(velocity, np.where(is_off, standardised, 0.0))
-    if errors.is_stated and part.reduced_chi_squared is not None:
-        of_noise = None if data.degrees is None else float(np.mean(data.degrees))
-        misfit = warnings.misfit(part.reduced_chi_squared, left, of_noise)
-    elif part.objective == "two-step" and part.rms_empirical is not None:
-        misfit = warnings.misfit_against_scatter(part.n, part.rms, left, part.rms_empirical)
-    far = None if misfit else _far_from_stated(part, errors)
-    causes = {"model-misfit": misfit, "stated-uncertainty": far, "residual-runs": runs}
-    if np.any(is_off) and not (raised or misfit or runs):
+            found.append(FitWarning(code, implausible.cause, name, implausible.advice))
+    of_curve = raised(name, _of_residuals(part, part, errors, np.where(is_off, standardised, 0.0)))
+    missed = {warning.code for warning in of_curve} & {"model-misfit", "residual-runs"}
+    if np.any(is_off) and not (found or missed):
         # where the curve misses the points neither says anything of the errors
-        curve = restitution + residual
-        alike = None if errors.shares else warnings.alike_neighbours(velocity, standardised)
-        causes["unequal-scatter"] = warnings.unequal_scatter(velocity, curve, standardised)
-        causes["groups"] = alike
-    stated = errors.points.uncertainty if errors.is_stated else None
-    kink, uncertain = yields if ever_yields else np.nan, data.velocity_uncertainty
-    level = warnings.no_velocity_dependence(velocity, restitution, stated, part.family)
-    causes["no-velocity-dependence"] = level
-    causes["velocity-errors"] = warnings.velocity_errors(data.velocity, uncertain, kink)
-    for code, cause in causes.items():
-        advice = LAW_OR_GROUPS if code == "residual-runs" and errors.shares else ""
-        raised += [FitWarning(code, cause, name, advice)] if cause else []
-    raised += named("status", warnings.statuses(part.status, velocity), name)
+        unequal = _unequal_scatter(velocity, restitution + residual, standardised)
+        alike = None if errors.shares else _alike_neighbours(velocity, standardised)
+        of_curve += raised(name, [("unequal-scatter", unequal), ("groups", alike)])
+    level = _no_velocity_dependence(errors, restitution, part.family)
+    kink = yields if ever_yields else np.nan
     below = "all velocities are below the critical velocity" if part.known_to < np.inf else None
-    return [*raised, *named("all-below-yield", [below], name)]
+    last = (
+        ("no-velocity-dependence", level),
+        ("velocity-errors", _velocity_errors(data.velocity, data.velocity_uncertainty, kink)),
+        *(("status", cause) for cause in _statuses(part.status, velocity)),
+        ("all-below-yield", below),
+    )
+    return [*found, *of_curve, *raised(name, last)]
+
+
+def _of_residuals(part: MaterialFit, goodness: Goodness, errors: Errors, standardised) -> Found:
+    """Whether noise explains how far the points of an observable are from the curve."""
+    misfit, advice = None, LAW_OR_GROUPS if errors.shares else ""
+    if errors.is_stated:
+        misfit = _misfit(goodness, errors.degrees)
+    elif part.objective == "two-step" and part.rms_empirical is not None:
+        misfit = _misfit_about_eq_17(part, part.rms_empirical)
+    yield "model-misfit", misfit
+    yield "stated-uncertainty", None if misfit else _far_from_stated(goodness, errors)
+    yield "residual-runs", runs(errors.velocity, standardised), advice
+
+
+def _misfit(goodness: Goodness, of_noise: float | None) -> str | None:
+    """χ² of the residuals larger than noise makes it once in a hundred.
+
+    Args:
+        of_noise: degrees of freedom of the noise itself, None where it is stated.
+    """
+    reduced, degrees = goodness.reduced_chi_squared, goodness.residual_degrees
+    if reduced is None or degrees < 1 or not np.isfinite(reduced):
+        return None
+    limit = special.chdtri(degrees, 1 - CONFIDENCE) / degrees
+    if of_noise is not None:
+        limit = special.fdtri(degrees, of_noise, CONFIDENCE)
+    if reduced <= limit:
+        return None
+    # of points that count unequally rms and noise are no measure of it
+    return f"residuals of {reduced**0.5:.3g} times the noise (reduced chi squared {reduced:.3g})"
+
+
+def _misfit_about_eq_17(part: MaterialFit, about_eq_17: float) -> str | None:
+    """Misfit where the noise is estimated from the scatter about Eq. (17): an F test.
+
+    Scatter at rounding level is no noise estimate, but then a larger rms is a misfit all the same.
+    """
+    degrees, of_noise = max(part.residual_degrees, 1), max(part.n - 2, 1)
+    rms, scatter = part.rms * np.sqrt(part.n / degrees), about_eq_17 * np.sqrt(part.n / of_noise)
+    ratio = (rms / max(scatter, 1e-16)) ** 2
+    if ratio <= special.fdtri(degrees, of_noise, CONFIDENCE) or rms < 1e-9:
+        return None
+    return f"rms {rms:.3g} where the scatter about Eq. (17) is {scatter:.3g}"
 
 
 def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
+    """Residuals far larger than the stated uncertainties, or far smaller: by what is estimated, or their median."""
     if errors.points.uncertainty is None:  # only an error of the velocity is
         return None
-    scale = goodness.reduced_chi_squared if "scale" in errors.unknown else None
-    size = np.array(goodness.standardised)
-    return warnings.far_from_stated(size, goodness.variances, scale, goodness.family)
+    variances, dof, size = goodness.variances, goodness.family.dof, np.abs(goodness.standardised)
+    stated = variances.get("stated", variances.get("repeats", 0.0))
+    if "scale" in errors.unknown and goodness.reduced_chi_squared is not None:
+        ratio = goodness.reduced_chi_squared**0.5
+    elif stated <= 0:
+        return None
+    elif variances.get("scatter"):
+        ratio = (1 + variances["scatter"] / stated) ** 0.5
+    else:
+        ratio = float(np.median(size)) / special.ndtri(0.75)
+        if np.isfinite(dof):  # standardised ones are weighted
+            middle = ratio * special.ndtri(0.75)
+            middle /= max((dof + 1 - middle**2) / dof, 1e-4) ** 0.5
+            ratio = middle / special.stdtrit(dof, 0.75)
+    few = len(size) < FEWEST_POINTS
+    if ratio > FAR_FROM_STATED or (ratio < 1 / FAR_FROM_STATED and not few):
+        return f"the points scatter by {ratio:.2g} times what was stated"
+    return None
 
 
-def _offsets(fit: ComponentFit, part: MaterialFit, residual) -> Iterator[str | None]:
-    """Whether a group is far from the others, or the set from the curve that others determine too."""
-    offsets, deviation = part.group_offsets, part.group_deviation or 0.0
-    yield warnings.far_group(offsets, deviation)
-    if len(fit.component.sets) > 1:
-        standard = warnings.standard_offsets(offsets, deviation) if offsets else part.standardised
-        yield warnings.off_as_a_whole(np.array(standard), float(np.mean(residual)))
+def _unequal_scatter(velocity: Column, restitution: Column, standardised: Column) -> str | None:
+    """The size of the residuals goes with the velocity, or with ε: Spearman's rank correlation."""
+    size = np.abs(standardised)
+    if len(size) < FEWEST_POINTS or np.ptp(size) < 1e-9:
+        return None
+    for name, values in (("velocity", velocity), ("restitution", restitution)):
+        if np.ptp(values) == 0:
+            continue
+        correlation = np.corrcoef(_ranks(values), _ranks(size))[0, 1]
+        t = abs(correlation) * np.sqrt((len(size) - 2) / max(1 - correlation**2, 1e-300))
+        if special.stdtr(len(size) - 2, -t) < 0.25 * (1 - CONFIDENCE):  # of two that are looked at
+            verb = "grow" if correlation > 0 else "shrink"
+            return f"the residuals {verb} with the {name} (rank correlation {correlation:.2f})"
+    return None
 
 
-def _of_observable(part: MaterialFit, observable: str, goodness: Goodness, errors: Errors):
-    """Whether the curve misses what else than ε was measured."""
-    words, reduced = OBSERVABLES[observable].words, goodness.reduced_chi_squared
-    misses = warnings.misfit(reduced, goodness.residual_degrees) if errors.is_stated else None
-    trend = warnings.runs(errors.velocity, np.array(goodness.standardised))
-    far = None if misses else _far_from_stated(goodness, errors)
-    causes = {"model-misfit": misses, "stated-uncertainty": far, "residual-runs": trend}
-    for code, cause in causes.items():
-        yield from named(code, [cause and f"{words}: {cause}"], part.name)
-    if goodness.rms > MOST_OFF:  # an estimated scatter takes a wrong unit or size as it is
-        cause = f"{words}: the law misses the values by {100 * goodness.rms:.3g} % (rms)"
-        advice = "Check the unit and the bodies; of dents, which diameter was measured (`dent`)."
-        yield FitWarning("plausibility", cause, part.name, advice)
+def _ranks(values: Column) -> Column:
+    """Those that are equal share the mean of theirs; `scipy.stats` takes half a second to import."""
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(count) - 0.5 * (count - 1))[place]
 
 
-def _of_modulus(part: MaterialFit) -> Iterator[FitWarning]:
-    modulus = modulus_by_times(part)
-    if modulus is not None and abs(modulus.off) > MODULUS_OFF * modulus.error:
-        cause = (
-            f"the contact times are those of {np.exp(modulus.off):.3g} times the stated modulus E, "
-            f"which they determine to {100 * modulus.error:.2g} %"
+def _alike_neighbours(velocity: Column, standardised: Column) -> str | None:
+    """Residuals of neighbouring rows go together, in a file that is not in the order of velocity."""
+    n, steps = len(standardised), np.diff(velocity)
+    squares = float(np.sum(standardised**2))
+    if n < FEWEST_POINTS or np.all(steps >= 0) or np.all(steps <= 0) or squares < 1e-18:
+        return None
+    correlation = float(np.sum(standardised[1:] * standardised[:-1])) / squares
+    if correlation * np.sqrt(n) < special.ndtri(CONFIDENCE):
+        return None
+    return f"residuals of neighbouring rows are alike (correlation {correlation:.2f})"
+
+
+def _of_levels(fit: ComponentFit, part: MaterialFit, residual) -> Found:
+    """Whether a group is far from the others, or the set from the curve that others determine too.
+
+    Grubbs' test of the groups' offsets, and Student's of the mean of these, or of residuals. Offsets are
+    over the standard deviations that they have as predictions.
+
+    Source: Grubbs, Ann. Math. Stat. 21, 27 (1950).
+    """
+    standard, m = np.array(part.standardised), len(part.group_offsets)
+    if m:
+        value, error = np.transpose([*part.group_offsets.values()])
+        spread = part.variances["group"] - error**2
+        standard = value / np.sqrt(spread) if np.all(spread > 0) else np.zeros(0)
+    if m >= FEWEST_GROUPS and len(standard):
+        k = int(np.argmax(np.abs(standard - np.mean(standard))))
+        others = np.delete(standard, k)
+        spread = np.std(others, ddof=1) * np.sqrt(1 + 1 / (m - 1))
+        far = abs(standard[k] - np.mean(others)) / max(spread, 1e-300)
+        if far > special.stdtrit(m - 2, 1 - 0.5 * (1 - CONFIDENCE) / m):
+            off = f"group {[*part.group_offsets][k]} is off by {value[k]:.2g}"
+            yield "offset", f"{off}, {far:.2g} times the scatter of the other groups"
+    n, several = len(standard), len(fit.component.sets) > 1
+    if several and n >= FEWEST_GROUPS and np.ptp(standard) > 0:
+        far = abs(np.mean(standard)) / np.std(standard, ddof=1) * np.sqrt(n)
+        if far > special.stdtrit(n - 1, 1 - 0.5 * (1 - CONFIDENCE)):
+            mean = float(np.mean(residual))
+            where = f"{'below' if mean > 0 else 'above'} the curve as a whole"
+            yield "offset", f"its points lie {where}, by {abs(mean):.2g} on the average"
+
+
+def _no_velocity_dependence(errors: Errors, restitution: Column, noise: Normal) -> str | None:
+    """A straight line's slope is zero within its 95 % interval, by the noise of the fit.
+
+    Scatter that is not stated is estimated about the line, in turn with the weights of the points.
+    """
+    velocity, stated = errors.velocity, errors.points.uncertainty if errors.is_stated else None
+    if np.ptp(velocity) == 0:
+        return f"all points have one velocity, {velocity[0]:.4g} m/s"
+    left, unit = len(velocity) - 2, np.ones(len(velocity)) if stated is None else stated
+    design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1)
+    white, target = design / unit[:, None], restitution / unit
+    weight, scale = np.ones(len(velocity)), 1.0
+    for _ in range(1 if type(noise) is Normal else LINE_ROUNDS):
+        line = np.linalg.pinv(white * weight[:, None] ** 0.5) @ (target * weight**0.5)
+        off = target - white @ line
+        if stated is None:
+            scale = float(np.sum(weight * off**2) / left) ** 0.5 if left > 0 else np.inf
+        weight = noise.weight(off / max(scale, 1e-300))
+    error = scale * float(np.linalg.inv(white.T @ white * noise.information)[1, 1]) ** 0.5
+    slope, quantile = float(line[1]), float(special.ndtri(0.975))
+    if stated is None and left > 0:
+        quantile = float(special.stdtrit(left, 0.975))
+    if abs(slope) > quantile * error or (error == 0 and abs(slope) * np.ptp(velocity) > 1e-9):
+        return None
+    return f"the slope of restitution is {slope:.2g} ± {error:.2g} per m/s, 0 within its error"
+
+
+def _velocity_errors(velocity: Column, uncertainty: Any, yields: Any) -> str | None:
+    """Errors of velocities that their treatment to second order does not carry.
+
+    Args:
+        yields: the velocity of first yield [m/s], where the curve has a kink; NaN without one.
+    """
+    if uncertainty is None:
+        return None
+    most = float(np.max(np.asarray(uncertainty) / velocity))
+    near = int(np.sum(np.abs(velocity - yields) < NEAR_YIELD * np.asarray(uncertainty)))
+    causes = []
+    if most > VELOCITY_ERRORS:
+        causes.append(f"velocities are uncertain by up to {100 * most:.2g} %")
+    if near:
+        causes.append(
+            f"{near} of {len(velocity)} points are nearer to first yield than {NEAR_YIELD:g} "
+            "standard uncertainties of their velocity"
         )
-        yield FitWarning("modulus", cause, part.name)
+    return "; ".join(causes) or None
+
+
+def _statuses(status: Any, velocity: Column) -> Iterator[str]:
+    """Each flag that is raised at data points, other than elastic."""
+    for flag in sj.Status:
+        at = velocity[(np.asarray(status, int) & int(flag)) != 0]
+        if flag in (sj.Status.PLAIN, sj.Status.ELASTIC) or not len(at):
+            continue
+        span = f"{np.min(at):.3g} to {np.max(at):.3g} m/s" if len(at) > 1 else f"{at[0]:.3g} m/s"
+        yield f"{flag.name} at {len(at)} of {len(status)} points ({span})"
