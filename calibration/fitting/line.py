@@ -166,7 +166,7 @@ class Line:
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
-        losses = self._losses(contact, eps_up=eps_up, sigma=sigma, psi=psi)
+        losses = self._losses(contact, eps_up, sigma, psi)
         chi = self.unloading_factor(contact).value
         return self._law(contact, chi, **{name: loss.mean for name, loss in losses.items()})
 
@@ -193,7 +193,7 @@ class Line:
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
-        losses = self._losses(contact, eps_up=eps_up, sigma=sigma, psi=psi)
+        losses = self._losses(contact, eps_up, sigma, psi)
         level = self.confidence if confidence is None else checked_confidence(confidence)
         velocity = np.asarray(velocity, float)
         flat = velocity.ravel()
@@ -224,32 +224,8 @@ class Line:
         columns = (np.where(known, part, np.nan).reshape(velocity.shape) for part in parts)
         return Band(velocity, *columns)
 
-    def left_out(self, confidence: float | None = None) -> dict[str, Estimate]:
-        """χ̃ of each material as the line through the others predicts it, by weighted least squares.
-
-        Raises:
-            ValueError: for fewer than three materials.
-        """
-        if len(self.materials) < 3:
-            raise DataError("materials", len(self.materials), "3 or more, to leave one out")
-        predictions = {}
-        for material in self.materials:
-            rest = tuple(other for other in self.materials if other is not material)
-            c, covariance = _with_scatter(*_columns(rest))
-            c1, c2 = (Estimate(float(value)) for value in c)
-            line = replace(self, c1=c1, c2=c2, covariance=_rows(covariance), materials=rest)
-            predictions[material.name] = line.at(material.yield_ratio, confidence)
-        return predictions
-
-    def remarks(
-        self,
-        contact: sj.Contact,
-        *,
-        eps_up: float | None = None,
-        sigma: float | None = None,
-        psi: float | None = None,
-    ) -> list[str]:
-        """Assumptions of a prediction, one in each line."""
+    def remarks(self, contact: sj.Contact, **stated: float | None) -> list[str]:
+        """Assumptions of a prediction, one in each line; `stated` are the losses, as of `law`."""
         chi, ratio, count = self.unloading_factor(contact), _ratio(contact), len(self.materials)
         scatter, ends = self.scatter, f", {100 * self.confidence:g} % interval {{:.4g}} to {{:.4g}}"
         known = "" if chi.standard_error is None else ends.format(chi.low, chi.high)
@@ -262,8 +238,7 @@ class Line:
             freedom = f"{count} materials, {count - 2} degree{'s' * (count > 3)} of freedom"
             of_scatter = f"{100 * scatter:.2g} % ({freedom})"
         lines.append(f"scatter about the line: {of_scatter}")
-        losses = self._losses(contact, eps_up=eps_up, sigma=sigma, psi=psi)
-        for name, (mean, error, degrees) in losses.items():
+        for name, (mean, error, degrees) in self._losses(contact, **stated).items():
             if not error:
                 continue
             reach, plain = float(quantile(self.confidence, degrees)) * error, SCALES[name][1]
@@ -290,14 +265,14 @@ class Line:
         c1, c2 = (np.nan if c.value is None else c.value for c in (self.c1, self.c2))
         return c1 + c2 * ratio
 
-    def _losses(self, contact: Any, **stated: float | None) -> dict[str, Loss]:
+    def _losses(self, contact: Any, eps_up=None, sigma=None, psi=None) -> dict[str, Loss]:
         """The losses of a further material: the stated ones, and the means of the fitted materials."""
         if not isinstance(contact, sj.Contact) or np.ndim(contact.yield_ratio):
             raise DataError("contact", contact, "a softjax.Contact of single numbers")
         if contact.area != self.area:
             raise DataError("area", contact.area, f"{self.area}, as of the fitted materials")
         losses = {}
-        for name, value in stated.items():
+        for name, value in {"eps_up": eps_up, "sigma": sigma, "psi": psi}.items():
             if value is not None:
                 most = 1.0 if name == "eps_up" else np.inf
                 accepted = "between 0 and 1" if name == "eps_up" else "a positive number"
@@ -305,7 +280,7 @@ class Line:
                 number = as_number(name, value, inside, accepted)
                 losses[name] = Loss(float(SCALES[name][0](number)))
         if {"eps_up", "sigma"} <= {*losses}:
-            raise DataError("eps_up", stated["eps_up"], "left out with sigma")
+            raise DataError("eps_up", eps_up, "left out with sigma")
         if "sigma" in losses and "psi" not in losses:
             raise DataError("psi", "missing", "given with sigma")
         if not {"eps_up", "sigma"} & {*losses}:
@@ -382,19 +357,6 @@ def _least_squares(x: np.ndarray, y: np.ndarray, variance: np.ndarray):
     covariance = np.linalg.pinv(design.T @ weighted)
     influence = covariance @ weighted.T
     return influence @ y, covariance, influence
-
-
-def _with_scatter(x: np.ndarray, chi: np.ndarray, u: np.ndarray):
-    """c through fitted χ̃, weighted by their errors and their scatter, and its covariance."""
-    scatter = 0.0
-    for _ in range(20):
-        size = np.hypot(u, scatter * chi)
-        size = size if np.all(size > ROUNDING * chi) else chi
-        c, covariance, _ = _least_squares(x, chi, size**2)
-        if len(chi) < 3:
-            break
-        scatter = _scatter(np.maximum(c[0] + c[1] * x, 1e-3 * chi), chi, u)
-    return c, covariance
 
 
 def _rows(covariance: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -4,7 +4,6 @@ Each data set has its law, parameters and errors (`SetSpec`). Sets that share no
 their own, whatever else is fitted with them: components. A component has one vector z of all its
 elements, and one problem a stage, which searches some of them."""
 
-import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +14,7 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.data.air import UNCERTAIN
 from calibration.errors import DataError, is_finite_number, listed
-from calibration.fitting.branches import held_at
+from calibration.fitting.branches import POWERS, held_at
 from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import (
@@ -46,7 +45,7 @@ from softjax.fields import Declared
 DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
 REACH = 5.0  # standard deviations of a prior within which a search is expected to end
 WIDE = (-np.inf, np.inf)
-LEAST_RANGE, POWERS = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
+LEAST_RANGE, STEEPEST = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
 LIMIT = OF_CONTACT + "limit_velocity"
 EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
 Specs = Mapping[str, Any] | Sequence[Any] | None
@@ -146,46 +145,36 @@ def stated_parameters(parameters: Specs, datasets: Sequence[RestitutionData]) ->
     `parameters` is a mapping ("chi" for all sets, "chi[name]" for one; a number fixes, a text is an
     option), or one such mapping per data set.
     """
-    if parameters is None:
-        return [{} for _ in datasets]
-    if isinstance(parameters, Mapping):
-        return _from_mapping(parameters, datasets)
-    several = isinstance(parameters, Iterable) and not isinstance(parameters, str)
-    mappings = list(parameters) if several else []
+    several = isinstance(parameters, Iterable) and not isinstance(parameters, Mapping | str)
+    one = {} if parameters is None else parameters
+    mappings: list[Any] = list(one) if several else [one] * len(datasets)
     if len(mappings) != len(datasets) or not all(isinstance(p, Mapping) for p in mappings):
         raise DataError("parameters", parameters, "a mapping, or one mapping per data set")
-    return [_from_mapping(mapping, [d])[0] for mapping, d in zip(mappings, datasets, strict=True)]
-
-
-def _from_mapping(parameters: Mapping[str, Any], datasets) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = [{} for _ in datasets]
-    odd = [key for key in parameters if not isinstance(key, str)]
-    if odd:
-        raise DataError("parameters", odd[0], "by the parameters' names")
-    # names for one set come last, so that they win over those for all
-    for key in sorted(parameters, key=lambda key: "[" in key):
-        name, _, owner = key.partition("[")
-        owner = owner.removesuffix("]")
-        owners = [g for g, data in enumerate(datasets) if owner in ("", data.name)]
-        if not owners:
-            known = listed(data.name for data in datasets)
-            raise DataError(f"parameters[{key!r}]", owner, f"named after one of: {known}")
-        for g in owners:
-            entries[g][name] = parameters[key]
+    entries = []
+    for mapping, data in zip(mappings, datasets, strict=True):
+        names, own = [data.name] if several else [d.name for d in datasets], {}
+        # names for one set come last, so that they win over those for all
+        for key in sorted(mapping, key=lambda key: "[" in str(key)):
+            if not isinstance(key, str):
+                raise DataError("parameters", key, "by the parameters' names")
+            name, _, owner = key.removesuffix("]").partition("[")
+            if owner not in ("", *names):
+                accepted = f"named after one of: {listed(names)}"
+                raise DataError(f"parameters[{key!r}]", owner, accepted)
+            if owner in ("", data.name):
+                own[name] = mapping[key]
+        entries.append(own)
     return entries
 
 
-def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOptions) -> SetSpec:
-    if options_of_fit.noise != "normal" and Errors.of(data).shares:
-        accepted = '"normal" where points share errors (groups, bounce sequences)'
-        raise DataError("noise", options_of_fit.noise, accepted)
-    options = {name: value for name, value in entries.items() if isinstance(value, str)}
-    named = {name: value for name, value in entries.items() if name not in options}
-    model = law_model(data, options_of_fit.law, options, named)
+def _spec(data: RestitutionData, entries: dict[str, Any], options: FitOptions) -> SetSpec:
+    words = {name: value for name, value in entries.items() if isinstance(value, str)}
+    named = {name: value for name, value in entries.items() if name not in words}
+    model = law_model(data, options.law, words, named)
     # Eq. (17), or a constant, by itself
-    objective = "model" if data.contact is None else options_of_fit.objective or "model"
-    _check_law(data, model, objective)
-    stated = {}
+    objective = "model" if data.contact is None else options.objective or "model"
+    _check_law(data, model, objective, options.noise)
+    known, stated = KNOWN.get(model.key) or Known(model.law_type, ""), {}
     for name, value in named.items():
         try:
             full = model.canonical(name)
@@ -194,12 +183,15 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options_of_fit: FitOpt
             raise error if origin is None else origin.error(error) from None
         is_array = full in model.arrays and not isinstance(value, Parameter)
         stated[full] = Parameter(value, free=False) if is_array else as_parameter(name, value)
-        _check_fixed(model, data, full, stated[full])
+        has_value = full.startswith(OF_CONTACT) or full in {*model.defaults, *known.fixed(data)}
+        if not (stated[full].free or stated[full].value is not None or has_value):
+            no_value = DataError("value", "missing", "given where it is fixed")  # a guess is none
+            raise placed(stated[full], full, no_value)
     model = model.with_units({name: p.unit for name, p in stated.items() if p.unit})
     if model.key == "zhou" and objective == "model":
-        stated, model = _identified(data, stated, model, options)
-    local, trees = _elements(data, model, stated)
-    errors = tuple(Errors.of(data, options_of_fit, observed) for observed, *_ in blocks_of(data))
+        stated, model = _identified(data, stated, model, words)
+    local, trees = _elements(data, model, known, stated)
+    errors = tuple(Errors.of(data, options, observed) for observed, *_ in blocks_of(data))
     return SetSpec(data, objective, replace(model, trees=trees), local, errors)
 
 
@@ -220,9 +212,12 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
     return model_of(law, key, None if data is None else data.contact, options)
 
 
-def _check_law(data: RestitutionData, model: LawModel, objective: str) -> None:
+def _check_law(data: RestitutionData, model: LawModel, objective: str, noise: str) -> None:
     """Refuse a law that determines nothing of these data, or needs what they do not have."""
     names = listed(observed.name for observed in data.observed)
+    if noise != "normal" and Errors.of(data).shares:
+        accepted = '"normal" where points share errors (groups, bounce sequences)'
+        raise DataError("noise", noise, accepted)
     if model.needs_contact and data.contact is None:
         advice = f"laws that need none are {listed(WITHOUT_CONTACT)}"
         raise data.refusal(f"no elastic properties, which {model.key} needs", advice)
@@ -233,16 +228,6 @@ def _check_law(data: RestitutionData, model: LawModel, objective: str) -> None:
         raise data.refusal(refused, "a law with a contact force")
     if objective == "two-step" and model.key != "zhou":
         raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
-
-
-def _check_fixed(model: LawModel, data: RestitutionData, name: str, parameter: Parameter) -> None:
-    """Check that fixed parameters have a value: stated, or from the data or the law, not a guess."""
-    known = KNOWN.get(model.key)
-    has_value = name.startswith(OF_CONTACT) or name in model.defaults
-    if parameter.free or parameter.value is not None or has_value:
-        return
-    if known is None or name not in known.fixed(data):
-        raise placed(parameter, name, DataError("value", "missing", "given where it is fixed"))
 
 
 def placed(parameter: Parameter, name: str, error: DataError) -> Exception:
@@ -274,62 +259,58 @@ def _identified(data, by_name: dict[str, Parameter], model: LawModel, options):
 
 def _highest_yield(contact: sj.Contact, parameters: Mapping[str, Parameter]) -> np.ndarray:
     """The highest critical velocity that prior and bounds of the contact's numbers allow [m/s]."""
-    leaves = [name for name in MOVE_YIELD if OF_CONTACT + name in parameters]
-    ends = [_reach(parameters[OF_CONTACT + name], getattr(contact, name)) for name in leaves]
-    if not all(np.all(np.isfinite(pair)) for pair in ends):
+    corner = {}
+    for leaf, power in POWERS.items():
+        parameter = parameters.get(OF_CONTACT + leaf, Parameter(free=False))
+        value = getattr(contact, leaf) if parameter.value is None else parameter.value
+        if parameter.free:
+            low, high = parameter.bounds or (0.0, np.inf)
+            if parameter.prior is not None:
+                mean, deviation = parameter.prior
+                low, high = max(low, mean - REACH * deviation), min(high, mean + REACH * deviation)
+            value = high if power > 0 else max(low, 1e-9 * high)
+        corner[leaf] = value
+    if not all(np.all(np.isfinite(value)) for value in corner.values()):
         return np.array(np.inf)  # anywhere
-    corners = [dict(zip(leaves, values, strict=True)) for values in itertools.product(*ends)]
-    return np.max([replace(contact, **corner).critical_velocity for corner in corners], axis=0)
+    return replace(contact, **corner).critical_velocity
 
 
-def _reach(parameter: Parameter, start: Any) -> tuple[Any, Any]:
-    """Between which values a search looks for a positive number; infinite where nothing says so."""
-    if not parameter.free:
-        value = start if parameter.value is None else parameter.value
-        return value, value
-    low, high = parameter.bounds or (0.0, np.inf)
-    if parameter.prior is not None:
-        mean, deviation = parameter.prior
-        low, high = max(low, mean - REACH * deviation), min(high, mean + REACH * deviation)
-    return max(low, 1e-9 * high), high
-
-
-def _elements(data, model: LawModel, parameters: dict[str, Parameter]):
+def _elements(data, model: LawModel, known: Known, stated: Mapping[str, Parameter]):
     """Start and range of every parameter, and how arrays are put together."""
-    known = KNOWN.get(model.key) or Known(model.law_type, "")
     fixed, ranges = known.fixed(data), known.ranges(data)
     guess = known.guess(data) | fixed
     local: list[Element] = []
     trees: list[Tree] = []
-    for name in dict.fromkeys([*model.parameters, *parameters]):
+    for name in dict.fromkeys([*model.parameters, *stated]):
+        parameter = stated.get(name)
         if name in model.arrays:
-            if name in parameters:
-                entries, tree = _array(name, parameters[name])
-                local, trees = [*local, *entries], [*trees, tree]
+            if parameter is not None:
+                trees.append(_tree(name, parameter))
+                local += _entries(trees[-1], parameter)
             elif name not in model.defaults:
                 accepted = "given, as the law has no default"
                 raise DataError(f"parameters[{name!r}]", "missing", accepted)
             continue
-        stands_in = name == "psi" and "eps_up" in model.parameters and name not in parameters
-        is_free, declared = not (stands_in or name in fixed), model.declared(name)
-        parameter = parameters.get(name, Parameter(free=is_free, shared=is_free and name in LINE))
+        stands_in = name == "psi" and "eps_up" in model.parameters and parameter is None
+        if parameter is None:
+            parameter = Parameter(free=not (stands_in or name in fixed))
+        if name in LINE and parameter.free and not parameter.shared:
+            # Eq. (18)'s line belongs to all materials
+            parameter = parameter.model_copy(update={"shared": True})
+        declared = model.declared(name)
         try:
             low, high = parameter.range_within(declared)
         except DataError as error:
             raise placed(parameter, name, error) from None
         least, most = ranges.get(name, WIDE)
         ends = max(low, least), min(high, most)
-        start = _start(data, model, name, parameter, guess, ends)
-        if name in LINE and parameter.free and not parameter.shared:
-            parameter = parameter.model_copy(
-                update={"shared": True}
-            )  # Eq. (18)'s line belongs to all materials
+        start = _start(data, model, name, parameter, guess, *ends)
         local.append(Element(name, parameter, declared, start, ends, stands_in))
     return tuple(local), tuple(trees)
 
 
-def _start(data, model: LawModel, name: str, parameter: Parameter, guess, ends) -> Any:
-    """Start of a free parameter, or value of a fixed one."""
+def _start(data, model: LawModel, name: str, parameter: Parameter, guess, low, high) -> Any:
+    """Start of a free parameter, inside its range, or value of a fixed one."""
     if parameter.value is not None:
         return float(parameter.value)
     if name.startswith(OF_CONTACT):
@@ -339,29 +320,27 @@ def _start(data, model: LawModel, name: str, parameter: Parameter, guess, ends) 
     value = guess.get(name, default if is_finite_number(default) else None)
     if parameter.prior is not None:
         value = parameter.prior[0]
-    return _inside(value, *ends) if parameter.free else value
-
-
-def _inside(value: Any, low: float, high: float) -> float:
-    """A guess that respects the bounds; their middle, or 1, where there is none."""
+    if not parameter.free:
+        return value
     if value is not None and low < float(np.mean(value)) < high:
         return float(np.mean(value))
-    if np.isfinite(low) and np.isfinite(high):
-        return 0.5 * (low + high)
     if np.isfinite(low):
-        return low + max(abs(low), 1.0)
+        return 0.5 * (low + high) if np.isfinite(high) else low + max(abs(low), 1.0)
     return high - max(abs(high), 1.0) if np.isfinite(high) else 1.0
 
 
-def _array(name: str, parameter: Parameter) -> tuple[list[Element], Tree]:
-    """The numbers of an array, each a parameter of its own."""
+def _tree(name: str, parameter: Parameter) -> Tree:
     if parameter.value is None:
         error = DataError("value", "missing", "an array or a pytree of them, where a search starts")
         raise placed(parameter, name, error)
-    tree, numbers = Tree.of(name, parameter.value), numbers_in(parameter.value)
-    of_entry = Parameter(free=parameter.free, shared=parameter.shared)
-    pairs = zip(tree.entries, numbers, strict=True)
-    return [Element(entry, of_entry, Declared(entry), float(x), WIDE) for entry, x in pairs], tree
+    return Tree.of(name, parameter.value)
+
+
+def _entries(tree: Tree, parameter: Parameter) -> Iterator[Element]:
+    """The numbers of an array, each a parameter of its own."""
+    one = Parameter(free=parameter.free, shared=parameter.shared)
+    for entry, value in zip(tree.entries, numbers_in(parameter.value), strict=True):
+        yield Element(entry, one, Declared(entry), float(value), WIDE)
 
 
 def assemble(request: Request) -> list[Component]:
@@ -402,11 +381,11 @@ def _together(specs: Sequence[SetSpec], elements: Sequence[Element]) -> list[tup
     Pools are of several sets by `model`; no group is named like a data set outside it, as results call
     "chi[name]" what either has.
     """
-    pools: dict[str, list[int]] = {}
-    names = [spec.data.name for spec in specs]
+    pools: dict[str, tuple[int, ...]] = {}
+    names, first = [spec.data.name for spec in specs], list(range(len(specs)))
     for element in elements:
         if element.parameter.pooled:
-            pools.setdefault(element.name, []).extend(element.sets)
+            pools[element.name] = (*pools.get(element.name, ()), *element.sets)
         if element.group in names and names.index(element.group) not in element.sets:
             accepted = "the name of a group that no data set outside the group has"
             error = DataError("shared", element.group, accepted)
@@ -416,11 +395,10 @@ def _together(specs: Sequence[SetSpec], elements: Sequence[Element]) -> list[tup
             raise DataError(f"shared of {name}", "pooled", "left out for one data set alone")
         if any(specs[g].objective != "model" for g in pool):
             raise DataError(f"shared of {name}", "pooled", 'left out, or objective="model"')
-    group = list(range(len(specs)))
-    for sets in [*(element.sets for element in elements), *pools.values()]:
-        joined = {group[g] for g in sets}
-        group = [min(joined) if label in joined else label for label in group]
-    return [tuple(g for g, label in enumerate(group) if label == k) for k in sorted({*group})]
+    for sets in (*(element.sets for element in elements), *pools.values()):
+        joined = {first[g] for g in sets}
+        first = [min(joined) if k in joined else k for k in first]
+    return [tuple(g for g, k in enumerate(first) if k == own) for own in sorted({*first})]
 
 
 def _component(sets, specs, elements, route: Route) -> Component:
@@ -428,8 +406,11 @@ def _component(sets, specs, elements, route: Route) -> Component:
     if len({(spec.model.key, spec.objective) for spec in own_specs}) > 1:
         text = ", ".join(f"{spec.data.name}: {spec.model.key}" for spec in own_specs)
         raise DataError("parameters", f"shared between {text}", "shared within one law")
-    at = {g: k for k, g in enumerate(sets)}
-    free = [replace(e, sets=tuple(at[g] for g in e.sets)) for e in elements if e.sets[0] in at]
+    free = [
+        replace(e, sets=tuple(sets.index(g) for g in e.sets)) for e in elements if e.sets[0] in sets
+    ]
+    for g, spec in enumerate(own_specs):
+        _check_count(spec, [e for e in free if e.sets == (g,)])
     # drag was taken out of these with a coefficient that is not known exactly
     flights = tuple(
         k
@@ -441,79 +422,81 @@ def _component(sets, specs, elements, route: Route) -> Component:
         known = Parameter(0.0, prior=(0.0, UNCERTAIN), transform="none")
         free.append(Element(DRAG, known, Declared(DRAG), 0.0, WIDE, False, label, flights))
     component = Component(sets, own_specs, tuple(free))
-    _check_counts(component)
     return replace(component, stages=tuple(_stages(component, route)))
 
 
-def _check_counts(component: Component) -> None:
-    """More values than free parameters in every data set; not of those that other sets determine too.
+def _check_count(spec: SetSpec, own: Sequence[Element]) -> None:
+    """More values than free parameters; not of those that a prior, or the other sets of a pool, determine too.
 
-    A prior does, the other sets of a pool, and of a network its predictions.
+    Of a network its predictions do.
     """
-    for g, spec in enumerate(component.specs):
-        arrays = {tree.name for tree in spec.model.trees}
-        free_names = [
-            e.name
-            for e in component.elements
-            if e.sets == (g,) and e.parameter.prior is None and not e.parameter.pooled
-            if e.name.partition("[")[0] not in arrays
-        ]
-        count = sum(len(rows) for *_, rows, _, _ in blocks_of(spec.data))
-        if count <= len(free_names):
-            free = f"{len(free_names)} free parameter{'s' * (len(free_names) != 1)} ({', '.join(free_names)})"
-            problem = f"{count} point{'s' * (count != 1)} for {free}"
-            raise spec.data.refusal(problem, "more points than free parameters")
+    arrays = {tree.name for tree in spec.model.trees}
+    names = [
+        e.name
+        for e in own
+        if e.parameter.prior is None and not e.parameter.pooled
+        if e.name.partition("[")[0] not in arrays
+    ]
+    count = sum(len(rows) for *_, rows, _, _ in blocks_of(spec.data))
+    if count <= len(names):
+        free = f"{len(names)} free parameter{'s' * (len(names) != 1)} ({', '.join(names)})"
+        problem = f"{count} point{'s' * (count != 1)} for {free}"
+        raise spec.data.refusal(problem, "more points than free parameters")
 
 
 def _stages(component: Component, route: Route) -> Iterator[tuple[str, Problem]]:
     """One stage by `model`; by `two-step` Eq. (17)'s, then the law's with what that gave."""
-    all_elements, specs = range(len(component.elements)), component.specs
+    all_elements, specs = list(range(len(component.elements))), component.specs
     # sets with ε_up and sets with σ are of one law of both
     model = next((spec.model for spec in specs if not spec.model.direct), specs[0].model)
     declared = {name: what for spec in specs for name, what in spec.model.parameters.items()}
     names = {local.name: local.name for spec in specs for local in spec.local}
-    rows = _rows(component, replace(model, parameters=declared), names)
+    laws = component, replace(model, parameters=declared), names
     if specs[0].objective == "model":
-        yield "model", _problem(component, rows, list(all_elements), route)
+        yield "model", _problem(*laws, all_elements, route)
         return
     first = [k for k in all_elements if component.elements[k].name in EMPIRICAL]
     eq_17 = model_of(sj.EmpiricalRestitution, "eq-17", None, {})
     names_17 = {name.removeprefix(OF_CONTACT): name for name in EMPIRICAL}
-    yield "Eq. (17)", _problem(component, _rows(component, eq_17, names_17), first, None)
+    yield "Eq. (17)", _problem(component, eq_17, names_17, first, None)
     rest = [k for k in all_elements if k not in first]
     # by the energy balance more slopes cost next to nothing: then curve and band share the program
-    more = [] if isinstance(route, sj.ODE) else all_elements
-    yield "model", _problem(component, rows, rest, route, more)
+    yield "model", _problem(*laws, rest, route, [] if isinstance(route, sj.ODE) else all_elements)
 
 
-def _rows(component: Component, model: LawModel, names: Mapping[str, str]) -> Laws:
-    """Rows of one law for all data sets, from the element of each of its parameters.
+def _problem(
+    component: Component,
+    model: LawModel,
+    names: Mapping[str, str],
+    active: list[int],
+    route: Route,
+    more: Sequence[int] = (),
+) -> Problem:
+    """The problem of one law for all data sets.
 
     What is stated for other sets alone has the value of this one's contact, or none.
+
+    Args:
+        names: in full of each of the law's parameters.
+        active, more: elements that are searched, and others along which the law is differentiated.
     """
+    elements, specs = component.elements, component.specs
     sets = []
-    for g, spec in enumerate(component.specs):
-        contact = spec.data.contact
+    for g, spec in enumerate(specs):
+        contact, places = spec.data.contact, component.places(g)
         known = {OF_CONTACT + leaf: getattr(contact, leaf, None) for leaf in CONTACT_LEAVES}
         if "limit_velocity" in names:  # Eq. (17)'s own
             known[LIMIT] = spec.data.limit_velocity
         known |= {element.name: element.start for element in spec.local}
-        places = component.places(g)
         local = {name: (places.get(full, -1), known.get(full)) for name, full in names.items()}
         sets.append((len(spec.data), contact, local))
-    return Laws.of(model, sets)
-
-
-def _problem(component: Component, rows: Laws, active: list[int], route: Route, more=()) -> Problem:
-    elements, specs = component.elements, component.specs
-    transform = transform_of(elements)
-    data = tuple(spec.data for spec in specs)
+    rows, data = Laws.of(model, sets), tuple(spec.data for spec in specs)
     points, impact = points_of(data)
     theta = np.array([e.start for e in elements])
     problem = Problem(
         data,
         elements,
-        transform,
+        transform_of(elements),
         replace(rows, row=rows.row[impact]).bind(theta, [*active, *more]),
         points,
         np.array(active, int),
@@ -524,10 +507,10 @@ def _problem(component: Component, rows: Laws, active: list[int], route: Route, 
     )
     # where ε jumps at yield, and the search moves yield, points are held on their branches
     moved = {elements[k].name.removeprefix(OF_CONTACT) for k in active}
-    if not (getattr(rows.model.law_type, "jumps_at_yield", False) and moved & {*MOVE_YIELD}):
+    if not (getattr(model.law_type, "jumps_at_yield", False) and moved & {*MOVE_YIELD}):
         return problem
     holding = replace(problem, elastic=np.zeros(len(points.velocity), bool))
-    return held_at(holding, transform.unconstrained(theta))
+    return held_at(holding, problem.transform.unconstrained(theta))
 
 
 def blocks_of(data: RestitutionData) -> Iterator[tuple[Any, str, np.ndarray, np.ndarray, Any]]:
@@ -580,4 +563,4 @@ def by_drag_of(data: RestitutionData, observable: str = RESTITUTION) -> np.ndarr
     cubed = np.where(is_measured, eps, 1.0) ** 3
     cubic = np.where(is_measured, (by_drag[:, 0] + eps * slower) / cubed, 0.0)
     of_eps = cubic * smooth**3 - smooth * slower
-    return np.where(np.isfinite(eps), np.clip(power, *POWERS) * smooth * slower - of_eps, 0.0)
+    return np.where(np.isfinite(eps), np.clip(power, *STEEPEST) * smooth * slower - of_eps, 0.0)

@@ -39,8 +39,9 @@ from calibration.options import FitOptions
 from calibration.parameters import LOGIT, NONE
 from calibration.schema import Real
 
-DECADES = 3 * np.log(10)  # on either side of the start of a positive parameter
-# how far around the start it is worth looking, in z: a factor of 30 below and 300 above for χ̃
+# how far around the start it is worth looking, in z: three decades to each side of a positive
+# parameter, a factor of 30 below and 300 above for χ̃
+DECADES = (-3 * np.log(10), 3 * np.log(10))
 WIDTHS = {
     "chi": (-3.5, 5.7),
     "sigma": (-3.5, 3.5),
@@ -49,7 +50,7 @@ WIDTHS = {
     OF_CONTACT + "limit_velocity": (-1.0, 1.0),
 }
 OF_A_CONTACT = (-0.3, 0.3)  # properties that were measured
-LOGIT_SPREAD = (-4.0, 4.0)
+LOGIT_SPREAD = 4.0
 APART = 1.0  # in z: starts nearer than that would be one search made twice
 
 Places = Float[np.ndarray, "starts elements"]
@@ -63,10 +64,18 @@ def candidates(
     Args:
         wide: how many times its own size an element of any sign may change.
     """
-    active = problem.active
+    active, transform = problem.active, problem.transform.part(problem.active)
     if count <= 1 or not len(active):
         return z[None]
-    low, high = np.transpose([_range_of(problem, int(k), z[k], wide) for k in active])
+    names = [problem.elements[k].name for k in active]
+    usual = [OF_A_CONTACT if name.startswith(OF_CONTACT) else DECADES for name in names]
+    below, above = np.transpose([WIDTHS.get(n, u) for n, u in zip(names, usual, strict=True)])
+    x, plain = z[active], transform.kind == NONE
+    size = wide * (np.abs(x) + 1e-3)
+    low = np.where(plain, np.maximum(x - size, transform.lower), x + below)
+    high = np.where(plain, np.minimum(x + size, transform.upper), x + above)
+    bounded = transform.kind == LOGIT
+    low, high = np.where(bounded, -LOGIT_SPREAD, low), np.where(bounded, LOGIT_SPREAD, high)
     # Richtmyer's sequence: SciPy's Sobol points are as even after half a second of imports
     many = range(2, 10 + 20 * len(active))
     primes = [n for n in many if all(n % k for k in range(2, math.isqrt(n) + 1))][: len(active)]
@@ -77,22 +86,8 @@ def candidates(
     return places
 
 
-def _range_of(problem: Problem, k: int, start: float, wide: float) -> tuple[float, float]:
-    kind, name = problem.transform.kind[k], problem.elements[k].name
-    if kind == LOGIT:
-        return LOGIT_SPREAD
-    if kind == NONE:
-        low, high = float(problem.transform.lower[k]), float(problem.transform.upper[k])
-        size = wide * (abs(start) + 1e-3)
-        return max(start - size, low), min(start + size, high)
-    below, above = WIDTHS.get(
-        name, OF_A_CONTACT if name.startswith(OF_CONTACT) else (-DECADES, DECADES)
-    )
-    return start + below, start + above
-
-
 def best_starts(problem: Problem, places: Places, keep: int) -> Places:
-    """The `keep` best that are not neighbours, best first; each data set ranks its own elements."""
+    """The `keep` best that are `APART`, best first; each data set ranks its own elements."""
     if len(places) == 1:
         return places
     lanes = Lanes(elastic=problem.elastic_at(places))
@@ -106,20 +101,14 @@ def best_starts(problem: Problem, places: Places, keep: int) -> Places:
     for sets in {problem.elements[k].sets for k in problem.active}:
         members = [k for k in problem.active if problem.elements[k].sets == sets]
         ranked = costs[:, sets[0]] if len(sets) == 1 else costs.sum(axis=1)
-        chosen = _apart(np.argsort(ranked, kind="stable"), places[:, members], keep)
-        starts[:, members] = places[chosen][:, members]
+        order, own = np.argsort(ranked, kind="stable").tolist(), places[:, members]
+        chosen: list[int] = []
+        for i in order:
+            if len(chosen) < keep and all(np.ptp(own[[i, j]], 0).max() > APART for j in chosen):
+                chosen.append(i)
+        chosen += [i for i in order if i not in chosen]  # filled up by neighbours
+        starts[:, members] = own[chosen[:keep]]
     return starts
-
-
-def _apart(order, places, keep: int) -> list[int]:
-    """The first `keep` of an order that are `APART` from each other, filled up by those that are not."""
-    chosen: list[int] = []
-    for i in order:
-        if all(np.max(np.abs(places[i] - places[j])) > APART for j in chosen):
-            chosen.append(int(i))
-        if len(chosen) == keep:
-            return chosen
-    return [*chosen, *(int(i) for i in order if int(i) not in chosen)][:keep]
 
 
 REFINED = 3  # of the screened starts
@@ -168,11 +157,10 @@ class StageFit:
     ends: Ends  # the search that ended there, of one fit
     others: tuple[Ends, ...]  # where the other starts ended
     report: Stage  # what it took
-    crossings: int  # how many points changed branch on the way
     seconds: float  # how long
     # where ε jumps at yield, the lowest cost for each choice of elastic points
-    branches: Branches | None = None
-    alone: bool = False  # whether one search alone of many ended so low, and misses the points
+    branches: Branches | None
+    alone: bool  # whether one search alone of many ended so low, and misses the points
 
     @property
     def limits(self) -> np.ndarray:
@@ -189,30 +177,12 @@ def run_stage(
         weigh: whether variances are found here; else points weigh as they do.
     """
     begun = time.perf_counter()
-    first = problem.elastic
     problem = first_variances(problem, z) if weigh else problem
     unsettled = weigh and needs_variances(problem)
     places = candidates(problem, z, options.starts, options.seed)
-    few = condensed(problem)
-    starts = best_starts(few, places, REFINED)
-    if problem.moves and len(problem.active):
-        # far from the points a steep curve would explain them by errors of velocities
-        level = _weighing(few, [errors.diagonal(s) for errors, s in _noise(few)])
-        ends = _from_starts(level, starts, QUICKEST)
-        around = ends[0].some([0, 0])._replace(z=along_valley(level, ends[0].z))
-        starts = np.concatenate([_as_starts(level, end) for end in (*ends, around)])
-    branches, alone = None, False
-    if problem.elastic is None:
-        ends = _from_starts(few, starts, options.optimiser, options.max_steps)
-        if options.starts >= FEWEST:
-            ends, alone = _from_more_starts(few, z, ends, options)
-        if few is not problem:
-            ends = sorted((_of_all(problem, end, options) for end in _minima(ends)), key=_rank)
-    else:
-        ends, branches = _along_branches(problem, np.unique([z, *starts], axis=0), options)
-        problem = held_at(problem, ends[0].z[0])
-    evaluations, best = sum(end.evaluations for end in ends), ends[0]
-    others = ends[1:]
+    ends, branches, alone = _searched(problem, z, places, options)
+    problem, best, others = held_at(problem, ends[0].z[0]), ends[0], ends[1:]
+    evaluations = sum(end.evaluations for end in ends)
     if unsettled:
         best, others, problem, more = _lowest(problem, _minima(ends), options)
         evaluations += more
@@ -233,19 +203,56 @@ def run_stage(
             (again,), branches = _along_branches(problem, lowest, options)
             best, problem, more = settle(held_at(problem, again.z[0]), again, options)
             evaluations += more
-    crossings = 0 if first is None else int(np.sum(first != problem.elastic))
-    report = _report(name, problem, best, options, len(places), evaluations)
+    norm = float(best.gradient_norm[0])
+    report = Stage(
+        stage=name,
+        materials=tuple(data.name for data in problem.datasets),
+        optimiser=OPTIMISERS[options.optimiser],
+        route=route_name(problem),
+        evaluations=evaluations,
+        iterations=int(best.iterations[0]),
+        gradient_norm=norm if np.isfinite(norm) else None,
+        cost=float(best.cost[0]),
+        converged=bool(best.converged[0]),
+        reason=str(best.reason[0]),
+        starts=len(places),
+    )
     if weigh and not unsettled and any(errors.unknown for errors in problem.errors):
         problem, best = _in_units(problem, best)
-    seconds = time.perf_counter() - begun
     return StageFit(
-        problem, best.z[0], best, tuple(others), report, crossings, seconds, branches, alone
+        problem,
+        best.z[0],
+        best,
+        tuple(others),
+        report,
+        seconds=time.perf_counter() - begun,
+        branches=branches,
+        alone=alone,
     )
 
 
-def _noise(problem: Problem):
-    """Errors and variances of each block."""
-    return zip(problem.errors, problem.variances, strict=True)
+def _searched(problem: Problem, z, places: Places, options: FitOptions):
+    """Ends of searches from the best of some places, the best first, and branches where ε jumps at yield.
+
+    Also whether one search alone of many ended so low, and misses the points.
+    """
+    few = condensed(problem)
+    starts = best_starts(few, places, REFINED)
+    if problem.moves and len(problem.active):
+        # far from the points a steep curve would explain them by errors of velocities
+        pairs = zip(few.errors, few.variances, strict=True)
+        level = _weighing(few, [errors.diagonal(s) for errors, s in pairs])
+        ends = _from_starts(level, starts, QUICKEST)
+        around = ends[0].some([0, 0])._replace(z=along_valley(level, ends[0].z))
+        starts = np.concatenate([_as_starts(level, end) for end in (*ends, around)])
+    if problem.elastic is not None:
+        return *_along_branches(problem, np.unique([z, *starts], axis=0), options), False
+    ends, alone = _from_starts(few, starts, options.optimiser, options.max_steps), False
+    if options.starts >= FEWEST:
+        ends, alone = _from_more_starts(few, z, ends, options)
+    if few is not problem:
+        ends = sorted((_of_all(problem, end, options) for end in _minima(ends)), key=_rank)
+    return ends, None, alone
 
 
 def _weighing(problem: Problem, variances) -> Problem:
@@ -280,15 +287,10 @@ def _as_starts(problem: Problem, end: Ends) -> Places:
 
 
 def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Ends]:
-    """End points of searches from each start, as one batch; the best first."""
-    return _apart_by_rank(guided_search(problem, starts, optimiser, limit=limit))
-
-
-def _apart_by_rank(all_ends: Ends) -> list[Ends]:
-    """Searches side by side one by one, the best first; what all took is counted with one of them."""
-    ends = [all_ends.some(slice(k, k + 1)) for k in range(len(all_ends.z))]
-    counted = [end._replace(evaluations=0) for end in ends[1:]]
-    return sorted([ends[0], *counted], key=_rank)
+    """Ends of searches from each start, as one batch, the best first; what all took is counted with one."""
+    batch = guided_search(problem, starts, optimiser, limit=limit)
+    ends = [batch.some(slice(k, k + 1)) for k in range(len(starts))]
+    return sorted([ends[0], *(end._replace(evaluations=0) for end in ends[1:])], key=_rank)
 
 
 def _of_all(problem: Problem, end: Ends, options: FitOptions) -> Ends:
@@ -419,23 +421,6 @@ def settle(problem: Problem, end: Ends, options: FitOptions, restricted: bool = 
     if not have_settled(renewed(problem, end.z[0], restricted), problem):
         end = end._replace(converged=np.array([False]), reason=np.array([UNSETTLED]))
     return end, problem, evaluations
-
-
-def _report(name, problem: Problem, end: Ends, options, starts, evaluations) -> Stage:
-    norm = float(end.gradient_norm[0])
-    return Stage(
-        stage=name,
-        materials=tuple(data.name for data in problem.datasets),
-        optimiser=OPTIMISERS[options.optimiser],
-        route=route_name(problem),
-        evaluations=evaluations,
-        iterations=int(end.iterations[0]),
-        gradient_norm=norm if np.isfinite(norm) else None,
-        cost=float(end.cost[0]),
-        converged=bool(end.converged[0]),
-        reason=str(end.reason[0]),
-        starts=starts,
-    )
 
 
 def route_name(problem: Problem) -> str:

@@ -9,10 +9,10 @@ from scipy import special
 
 import softjax as sj
 from calibration.data import RestitutionData
-from calibration.fitting.errors import Carried, Errors
+from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eq_17, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
-from calibration.fitting.problem import DRAG, Problem
+from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted
@@ -126,92 +126,75 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
 def _goodness(fit: ComponentFit, k: int) -> Goodness:
     """Goodness of fit for one observable of a data set."""
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
-    span, errors, s = problem.spans[k], first.errors[k], first.variances[k]
-    linear, carried = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(span)
+    (place, observable, span), errors, s = first.blocks[k], first.errors[k], first.variances[k]
+    data = first.datasets[place]
+    rows = next(rows for _, name, rows, *_ in blocks_of(data) if name == observable)
+    linear, at = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(span)[1:]
     is_free = fit.uncertainty.limits[problem.active] == 0  # the others cannot follow a point
     leverage = leverages(np.where(is_free, linear.jacobian[0], 0.0))[: problem.count][span]
     left = float(max(len(leverage) - np.sum(leverage), 0.0))
     spread = weighted_deviation(fit, problem)[span]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
-    off = linear.prediction[0][span] - problem.points.value[span]
+    off, factor = linear.prediction[0][span] - problem.points.value[span], errors.factor(s, *at)
+    solved = errors.solve(factor, off[None, :, None])[0, :, 0]
+    reduced, family = None, errors.noise.at(s)
     stated = errors.is_stated or errors.unknown == ("scale",)
-    reduced = None
     if errors.points.uncertainty is not None and left >= 1 and stated and errors.is_normal:
-        factor = errors.factor({**s, "scale": 1.0}, carried.slope, carried.bend)
-        reduced = float(np.sum(errors.whiten(factor, off[None, :, None]) ** 2)) / left
-    nu = vars(errors.noise.at(s)).get("dof")
+        reduced = float(off @ solved) * float(s.get("scale", 1.0)) / left
+    # of each point where the others of its group are known
+    deviation = 1 / np.sqrt(errors.precisions(factor).reshape(-1) + 0 * off)
+    residual = -solved * deviation
+    size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
+    # noise of no more than rounding, of data without scatter, explains nothing and names nothing
+    size = np.where((deviation > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
+    # the one of n points that noise sends so far once in 1/`RARE` data sets
+    limit = special.ndtri(1 - 0.5 * RARE / len(off))
+    weight = family.weight(residual) / family.weight(0 * residual)
+    lines = () if data.origin is None else data.origin.lines
+    farthest = np.argsort(-size, kind="stable")[:MOST_OUTLIERS]
+    outliers = (
+        Outlier(
+            row=int(rows[i]) + 1,
+            line=int(lines[rows[i]]) if rows[i] < len(lines) else None,
+            velocity=float(errors.velocity[i]),
+            value=float((first.points.value * first.points.unit)[span][i]),
+            residual=float(np.copysign(size[i], residual[i])),
+            weight=float(weight[i]),
+            observable=observable,
+        )
+        for i in farthest[size[farthest] > limit]
+    )
+    offsets: dict[str, tuple[float, float]] = {}
+    if errors.group is not None and "group" in s:
+        # best linear unbiased predictions, with their conditional errors
+        variance = float(s["group"])
+        value = variance * np.bincount(errors.group, -solved)
+        error = np.sqrt(variance / (1 + variance * factor.per.reshape(-1)))
+        assert data.group_index is not None
+        labels = np.array(data.groups, dtype=object)[np.unique(data.group_index[rows])]
+        order = np.argsort(-np.abs(value), kind="stable")
+        offsets = {str(labels[i]): (float(value[i]), float(error[i])) for i in order}
+    dof = vars(family).get("dof")
     return Goodness(
         rms=float(np.sqrt(np.mean(off**2))),
         reduced_chi_squared=reduced,
-        variances=_variances(errors, s, carried),
+        variances=_variances(errors, s, at),
         timing=float(s["timing"]) ** 0.5 if "timing" in s else None,
         noise_family=errors.noise.name,
-        noise_dof=None if nu is None else float(nu),
-        outliers=_outliers(first, k, carried, off, leverage),
+        noise_dof=None if dof is None else float(dof),
+        outliers=tuple(outliers),
         standardised=tuple(map(float, linear.residual[0, : problem.count][span] / allowed)),
         leverage=tuple(map(float, leverage)),
         residual_degrees=left,
-        group_offsets=_group_offsets(first, k, carried, off),
+        group_offsets=offsets,
     )
 
 
-def _group_offsets(first: Problem, k: int, carried: Carried, off) -> dict[str, tuple[float, float]]:
-    """Best linear unbiased predictions of the groups' offsets, with their conditional errors."""
-    errors, s, (place, observable, _) = first.errors[k], first.variances[k], first.blocks[k]
-    if errors.group is None or "group" not in s:
-        return {}
-    factor, variance = errors.factor(s, carried.slope, carried.bend), float(s["group"])
-    solved = errors.solve(factor, -off[None, :, None])[0, :, 0]
-    offsets = variance * np.bincount(errors.group, solved)
-    sizes = np.sqrt(variance / (1 + variance * factor.per.reshape(-1)))
-    data = first.datasets[place]
-    rows = next(rows for _, name, rows, *_ in blocks_of(data) if name == observable)
-    index = data.group_index
-    assert index is not None
-    labels = np.array(data.groups, dtype=object)[np.unique(index[rows])]
-    order = np.argsort(-np.abs(offsets), kind="stable")
-    return {str(labels[i]): (float(offsets[i]), float(sizes[i])) for i in order}
-
-
-def _outliers(first: Problem, k: int, carried: Carried, off, leverage) -> tuple[Outlier, ...]:
-    """Points beyond `RARE`: the one of n points that noise sends so far once in twenty data sets."""
-    errors, s, (place, observable, span) = first.errors[k], first.variances[k], first.blocks[k]
-    variance = errors.diagonal(s, carried.slope, carried.bend) + np.zeros(len(off))
-    spread = np.sqrt(variance).reshape(-1)
-    residual = -off / spread
-    if errors.shares:  # without the information of the others of its group
-        factor = errors.factor(s, carried.slope, carried.bend)
-        solved = errors.solve(factor, off[None, :, None])[0, :, 0]
-        residual = -solved / np.sqrt(errors.precisions(factor).reshape(-1))
-    size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
-    # noise of no more than rounding, of data without scatter, explains nothing and names nothing
-    size = np.where((spread > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
-    limit, family = special.ndtri(1 - 0.5 * RARE / len(off)), errors.noise.at(s)
-    weight = family.weight(residual) / family.weight(0 * residual)
-    farthest = np.argsort(-size, kind="stable")[:MOST_OUTLIERS]
-    data, points = first.datasets[place], first.points
-    rows = next(rows for _, name, rows, *_ in blocks_of(data) if name == observable)
-    lines = () if data.origin is None else data.origin.lines
-    return tuple(
-        Outlier(
-            int(rows[i]) + 1,
-            int(lines[rows[i]]) if rows[i] < len(lines) else None,
-            float(points.velocity[span][i]),
-            float((points.value * points.unit)[span][i]),
-            float(np.copysign(size[i], residual[i])),
-            float(weight[i]),
-            observable,
-        )
-        for i in farthest
-        if size[i] > limit
-    )
-
-
-def _variances(errors: Errors, s: Mapping[str, float], carried: Carried) -> dict[str, float]:
-    """Mean variances of a point, by where they come from."""
+def _variances(errors: Errors, s: Mapping[str, float], at: tuple[Any, Any]) -> dict[str, float]:
+    """Mean variances of a point, by where they come from; `at` is the slope and bend of the curve."""
     estimated = {kind: float(s[kind]) for kind in ("scatter", "group") if kind in s}
     bare = {kind: value for kind, value in s.items() if kind not in estimated}
-    rest = float(np.mean(errors.variance(bare, carried.slope, carried.bend)))
+    rest = float(np.mean(errors.variance(bare, *at)))
     if rest <= 0:
         return estimated
     stated = "stated" if errors.degrees is None else "repeats"

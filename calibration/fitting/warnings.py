@@ -65,7 +65,6 @@ ADVICE = {
         "Check Young's modulus of the bodies and the unit of the times; name youngs_modulus free, or give it "
         "a prior."
     ),
-    "branch-change": "Check the data near the critical velocity; fix the strength or the modulus.",
     "velocity-errors": (
         "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
     ),

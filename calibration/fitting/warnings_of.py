@@ -127,9 +127,6 @@ def _of_search(stage: StageFit) -> Found:
     name = stage.report.stage
     if not stage.ends.converged[0]:
         yield "not-converged", f"{name}: {stage.report.reason}"
-    if stage.crossings:
-        crossed = f"{stage.crossings} points changed between elastic and plastic on the way"
-        yield "branch-change", crossed
     if stage.alone:
         lone = f"{name}: one search alone ended so low, and it misses the points"
         yield "several-minima", lone

@@ -135,7 +135,7 @@ CASES = {
     "objectives-disagree": lambda: [zhou(n, None, 0.003, stated=True, objective="two-step") for n in (STEEL, CHROME)],
     "unequal-scatter": lambda: (falling(straight(lambda v: v**1.5)), falling(straight(lambda v: 2.0))),
     "plausibility": lambda: (balls(12.7), balls(0.0127)),
-}  # "branch-change" with the yield strength that moves, in tests/fit  # fmt: skip
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)
