@@ -118,14 +118,15 @@ class Plan:
 
     def shots(self, velocity: Column) -> tuple[Matrices, Column]:
         """Information of each shot, (n, p, p), and u(ε); what is 0, as without rebound, adds none."""
-        error = self.uncertainty
+        error, share = self.uncertainty, 1.0
         if error is None:
             variances = further_variances(self.material, velocity, lambda v: self.slopes(v)[0])
             error = np.sqrt(sum(variances.values()))
+            share = self.material.family.information**0.5  # of errors with heavy tails
         total: Any = 0.0
         for name, u in {RESTITUTION: error, **self.sensors}.items():
             value, slope = self.slopes(velocity, name)
-            scale = u if name == RESTITUTION else u * np.where(value > 0, value, 1)
+            scale = u / share if name == RESTITUTION else u * np.where(value > 0, value, 1)
             row = np.where(value > 0, 1 / scale, 0)[:, None] * slope
             total = total + row[:, :, None] * row[:, None, :]
         return total, np.broadcast_to(np.asarray(error, float), velocity.shape)

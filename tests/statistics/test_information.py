@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
@@ -240,6 +240,19 @@ def test_a_planned_point_has_the_errors_of_a_measured_one(kind):
     expected = np.diag(covariance_of(data, -0.04 * curve(data.velocity)))
     # to first order in the error of the velocity
     np.testing.assert_allclose(found.uncertainty**2, expected, rtol=5e-3)
+
+
+def test_a_planned_point_with_heavy_tails_counts_as_fisher_says():
+    """E[(∂ln p/∂ε)²] of Student's t with 5 degrees of freedom, by quadrature; of an own uncertainty normal."""
+    v, scale, shots = np.linspace(1.0, 6.0, 10), 0.01, np.array([2.0, 2.0, 5.0])
+    data = cal.RestitutionData(v, curve(v), None, scale)
+    result = cal.fit(data, Decay, noise="student-t", noise_dof=5, **QUICK)
+    each = stats.t(5).expect(lambda x: (6 * x / (5 + x**2)) ** 2) / scale**2
+    slopes = rows(shots, *(result.values[name] for name in ("level", "rate")))
+    before = cal.fisher_information(result, shots, uncertainty=1e6).matrix
+    for options, one in (({}, each), ({"uncertainty": scale}, scale**-2)):
+        found = cal.fisher_information(result, shots, **options).matrix - before
+        np.testing.assert_allclose(found, one * slopes.T @ slopes, rtol=1e-4)
 
 
 def test_a_drop_of_some_centimetres_is_known_worse_than_one_of_metres():
