@@ -1,6 +1,7 @@
 """Base of the models of input: strict fields, and messages about faults."""
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, TypeVar, cast, get_args
@@ -63,7 +64,7 @@ def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     """One of pydantic's errors as a `DataError`, its place as `fits[0].rms`."""
     place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in fault["loc"])
     value, (field, _) = fault["input"], _walk(model, fault["loc"])
-    known = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    known: Any = re.sub("^(Value error, |Input should be |String should have )", "", fault["msg"])
     known = NOUNS.get(fault["type"], known)
     if fault["type"] == "literal_error":  # as TOML has words and truth values
         known = known.replace("'", '"').replace("True, False", "true, false")

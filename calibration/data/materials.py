@@ -14,7 +14,7 @@ a constant restitution; the ball's `diameter` and `mass` (or `density`) then det
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -48,6 +48,8 @@ PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
 NAMED = {"stainless steel": sj.STAINLESS_STEEL, "chrome steel": sj.CHROME_STEEL, "nylon": sj.NYLON}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
+OF_DATA = ("gravity", "dent", "limit_velocity")
+PLAUSIBLE = dict.fromkeys((*RADII, *DIAMETERS), RANGES["radius"]) | RANGES
 NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"
 
 
@@ -88,6 +90,11 @@ class BodyTable(Strict):
     density: Annotated[float | None, measure("kg/m^3")] = None
     yield_strength: Pressure = None
 
+    @model_validator(mode="after")
+    def _checked(self) -> "BodyTable":
+        self.check()
+        return self
+
     def check(self) -> None:
         """Refuse a body of which something is missing."""
         properties = [name for name in PROPERTIES if getattr(self, name) is not None]
@@ -108,19 +115,10 @@ class BodyTable(Strict):
         return sj.Material(**{name: getattr(self, name) for name in PROPERTIES})
 
 
-class OtherBody(BodyTable):
-    """A wall, or the second sphere."""
-
-    @model_validator(mode="after")
-    def _complete(self) -> "OtherBody":
-        self.check()
-        return self
-
-
 class _Material(BodyTable):
     """One `[[material]]`, but the uncertainties for all rows."""
 
-    name: Text | None = None
+    name: Annotated[Text, Field(max_length=LONGEST_NAME)] | None = None
     data: Text | None = None
     radius: Length = None
     radius_1: Length = None
@@ -128,8 +126,8 @@ class _Material(BodyTable):
     diameter: Length = None
     diameter_1: Length = None
     diameter_2: Length = None
-    wall: OtherBody | None = None
-    second: OtherBody | None = None
+    wall: BodyTable | None = None
+    second: BodyTable | None = None
     area: Literal["zhou", "hertz"] | None = None
     limit_velocity: Annotated[float | None, measure("m/s")] = None
     gravity: Annotated[float | None, measure("m/s^2")] = None
@@ -140,28 +138,28 @@ class _Material(BodyTable):
     plausibility: bool = True
     parameters: Parameters = Field(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _bodies(self) -> "_Material":
+    def check(self) -> None:
+        """Refuse bodies, or sizes, that do not go together."""
         if not self.has_bodies:
-            return self
+            return
         if self.mass is not None:
             accepted = "left out where the bodies' properties are given, from which it follows"
             raise Refused(("mass",), "mass in addition to the bodies", accepted)
-        self.check()
-        sizes = list(self.sizes)
-        alone = [{names[0]} for names in (RADII, DIAMETERS)]
-        if not sizes and self.data is not None:
-            return self  # they may be a column of it
-        second = [{"radius_2"}, {"diameter_2"}] if self.second is not None else []
-        if set(sizes) not in (*alone, {*RADII[1:]}, {*DIAMETERS[1:]}, *second):
-            raise Refused((*sizes[:1],), f"radii given are {listed(sizes) or 'none'}", NEEDED_RADII)
-        if self.wall is not None and self.second is not None:
+        super().check()
+        sizes, second = [*self.sizes], self.second is not None
+        if self.wall is not None and second:
             accepted = "give either [material.wall] or [material.second]"
             raise Refused(("second",), "both a wall and a second body", accepted)
-        if self.wall is not None and len(sizes) > 1:
-            accepted = "needed is radius or diameter, of the sphere"
-            raise Refused((), "a wall without radius alone", accepted)
-        return self
+        of_second = [{"radius_2"}, {"diameter_2"}] * second
+        of_two = [{*RADII[1:]}, {*DIAMETERS[1:]}] * (self.wall is None)
+        in_rows = [set()] * (self.data is not None)
+        if {*sizes} not in ({RADII[0]}, {DIAMETERS[0]}, *of_two, *of_second, *in_rows):
+            needed = (
+                NEEDED_RADII
+                if self.wall is None
+                else "needed next to a wall is radius or diameter, of the sphere"
+            )
+            raise Refused((*sizes[:1],), f"radii given are {listed(sizes) or 'none'}", needed)
 
     @property
     def has_bodies(self) -> bool:
@@ -190,7 +188,7 @@ class _Material(BodyTable):
         return self.has_bodies and self.data is not None and (not self.sizes or is_second)
 
     @property
-    def other(self) -> OtherBody | None:
+    def other(self) -> BodyTable | None:
         return self.wall or self.second
 
 
@@ -229,10 +227,6 @@ class MaterialTables(Strict):
                 problem = f"a second material is named {name!r}"
                 accepted = "each material needs a different name"
                 raise Refused(("material", i, "name"), problem, accepted)
-            if len(name) > LONGEST_NAME:
-                problem = f"name is of {len(name)} characters"
-                accepted = f"of {LONGEST_NAME} characters at most"
-                raise Refused(("material", i, "name"), problem, accepted)
             names.add(name)
         for i, table in enumerate(self.material):
             if {"c1", "c2"} & {*self.parameters} and "chi" in table.parameters:
@@ -258,25 +252,117 @@ class Body(NamedTuple):
     radius: float | None
 
 
-@dataclass(frozen=True)
 class MaterialEntry:
-    """One `[[material]]`: its table, bodies and contact (None without elastic properties), data (None
-    where it names no file), and parameters, those of `[parameters]` among them.
+    """One `[[material]]` as it is read.
+
+    Attributes:
+        name, table: of it.
+        contact, bodies: None and () without elastic properties.
+        data: None where it names no file.
+        stated: its parameters, those of `[parameters]` among them.
+        origin: where it begins.
+
+    Raises:
+        InputError: with file and line.
     """
 
-    name: str
-    table: Any
-    contact: sj.Contact | None
-    bodies: tuple[Body, ...]
-    data: RestitutionData | None
-    stated: dict[str, Parameter]
-    origin: Origin
+    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str, needs_data: bool):
+        self.file, self.place, self.name = file, ("material", i), name
+        self.table = table = file.content.material[i]
+        self.origin = Origin(file.path, file.line(self.place))
+        self._check_far()
+        if needs_data and table.data is None:
+            raise self._refusal((), "data is missing", "needed is the name of a CSV file")
+        self.contact: sj.Contact | None = None
+        self.bodies: tuple[Body, ...] = ()
+        if table.has_bodies and not table.in_rows:
+            contact, self.bodies = self._pair(table.radii[0])
+            limit = table.limit_velocity or float(np.asarray(contact.limit_velocity))
+            self.contact = replace(contact, limit_velocity=limit)
+        self.data = None if table.data is None else self._data()
+        self.stated: dict[str, Parameter] = {}
+        for place, parameters in (((), file.content.parameters), (self.place, table.parameters)):
+            for key, parameter in parameters.items():
+                origin = Origin(file.path, file.line((*place, "parameters", key)))
+                self.stated[key] = parameter.model_copy(update={"origin": origin})
 
     @property
     def implausible(self) -> list[str]:
         """A line for each property of a body outside its plausible range."""
         warnings = of_bodies(self.bodies, self.contact)
         return [f"warning: plausibility ({self.name}): {w.cause}. {w.advice}" for w in warnings]
+
+    def _refusal(self, place: Place, problem: str, accepted: str) -> InputError:
+        return self.file.refusal((*self.place, *place), problem, accepted)
+
+    def _check_far(self) -> None:
+        """Refuse what is more than 100 times outside its plausible range, at its line."""
+        places: dict[Place, Any] = {(): self.table, ("wall",): self.table.wall}
+        for place, body in (places | {("second",): self.table.second}).items():
+            for name, plausible in PLAUSIBLE.items() if self.table.plausibility else ():
+                value = getattr(body, name, None)
+                if value is not None and plausible.is_far(value):
+                    problem = f"{name} is {value:.3g} {plausible.unit}, "
+                    problem += f"more than 100 times outside {plausible.accepted}"
+                    accepted = "is its unit right? plausibility = false takes it as it is"
+                    raise self._refusal((*place, name), problem, accepted)
+
+    def _pair(self, radius: Any) -> tuple[sj.Contact, tuple[Body, Body]]:
+        """The contact and both bodies, where the first has this radius, or one in each row."""
+        table = self.table
+        area = table.area or self.file.content.fit.area or "zhou"
+        first, other, second = table.solid, (table.other or table).solid, [radius, *table.radii][-1]
+        try:
+            if table.wall is not None:
+                contact = sj.Contact.with_wall(first, other, radius, area)
+                return contact, (Body("sphere", first, radius), Body("wall", other, None))
+            contact = sj.Contact.between_spheres(first, other, radius, second, area)
+        except (sj.ArgumentError, ArithmeticError) as error:  # each makes sense, but not together
+            problem = f"no contact of these bodies ({error})"
+            raise self._refusal((), problem, "other sizes are needed") from None
+        return contact, (Body("sphere", first, radius), Body("second sphere", other, second))
+
+    def _data(self) -> RestitutionData:
+        """The measurements, from a file next to the material file."""
+        table = self.table
+        # a name in UTF-8 also where the locale is ASCII
+        path = Path(self.file.path).parent / os.fsdecode(table.data.encode())
+        if not os.path.exists(path):
+            problem = f"data file {printable(repr(str(path)))[:300]} is not there"
+            raise self._refusal(
+                ("data",), problem, "needed is the name of a CSV file next to this one"
+            )
+        named = {body.material for body in (table, table.wall, table.second) if body is not None}
+        options: dict[str, Any] = {n: getattr(table, n) for n in (*UNCERTAINTIES, *OF_DATA)}
+        options |= {"name": self.name, "bodies": self.bodies}
+        options["air"] = self.file.content.fit.air if table.air is None else table.air
+        options["remarks"] = [
+            f"properties of {n} from {NAMED_SOURCE}" for n in sorted(named - {None})
+        ]
+        if table.is_ball:
+            options |= {
+                "diameter": 2 * table.radii[0],
+                "mass": table.mass,
+                "density": table.density,
+            }
+        if table.in_rows:
+            data = read_csv(path, self._of_sizes, **options, density=table.solid.density)
+            data = replace(data, bodies=self.bodies)
+        else:
+            data = read_csv(path, self.contact, **options, one_size=self.contact is not None)
+        if not table.average_repeats:
+            return data
+        try:
+            return data.averaged()
+        except DataError as error:
+            raise error.at(
+                self.file.path, self.file.line((*self.place, "average_repeats"))
+            ) from None
+
+    def _of_sizes(self, radius: np.ndarray) -> sj.Contact:
+        """The contact of spheres of several sizes, each given in its row."""
+        self.contact, self.bodies = self._pair(radius)
+        return self.contact
 
 
 @dataclass(frozen=True)
@@ -326,137 +412,17 @@ def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:
         needs_data: whether every material must name its measurements.
     """
     file = read_toml_file(path, MaterialTables)
-    tables = file.content
     entries: list[MaterialEntry] = []
     faults: list[InputError] = []
-    for i, name in enumerate(tables.names):
+    for i, name in enumerate(file.content.names):
         try:
-            entries.append(_Reader(file, i, name).entry(needs_data))
+            entries.append(MaterialEntry(file, i, name, needs_data))
         except InputError as error:
             faults.append(error)
         if len(faults) > FAULTS:
             break
     if faults:
         raise combined(faults)
-    stated = tables.fit.model_fields_set - {"air"}  # the data have it
-    settings = {name: getattr(tables.fit, name) for name in stated}
-    return ProblemFile(entries, settings, file)
-
-
-class _Reader:
-    """One `[[material]]` on its way in."""
-
-    def __init__(self, file: TomlFile[MaterialTables], i: int, name: str):
-        self.file, self.table, self.name = file, file.content.material[i], name
-        self.place: Place = ("material", i)
-
-    def refusal(self, key: str | None, problem: str, accepted: str) -> InputError:
-        place = self.place if key is None else (*self.place, *key.split("."))
-        return self.file.refusal(place, problem, accepted)
-
-    def entry(self, needs_data: bool) -> MaterialEntry:
-        table = self.table
-        self._check_far()
-        if needs_data and table.data is None:
-            raise self.refusal(None, "data is missing", "needed is the name of a CSV file")
-        contact: sj.Contact | None = None
-        bodies: tuple[Body, ...] = ()
-        if table.has_bodies and not table.in_rows:
-            contact, bodies = self._pair(table.radii[0])
-            limit = table.limit_velocity or float(np.asarray(contact.limit_velocity))
-            contact = replace(contact, limit_velocity=limit)
-        data = None if table.data is None else self._data(contact, bodies)
-        if data is not None and table.in_rows:
-            contact, bodies = data.contact, data.bodies
-        origin = Origin(self.file.path, self.file.line(self.place))
-        return MaterialEntry(self.name, table, contact, bodies, data, dict(self._stated()), origin)
-
-    def _stated(self) -> Iterator[tuple[str, Parameter]]:
-        """Read the stated parameters, each with its line."""
-        for place, table in (
-            (("parameters",), self.file.content.parameters),
-            ((*self.place, "parameters"), self.table.parameters),
-        ):
-            for name, parameter in table.items():
-                line = self.file.line((*place, name))
-                yield name, parameter.model_copy(update={"origin": Origin(self.file.path, line)})
-
-    def _pair(self, radius: Any) -> tuple[sj.Contact, tuple[Body, Body]]:
-        """The contact and both bodies, where the first has this radius, or one in each row."""
-        table = self.table
-        area = table.area or self.file.content.fit.area or "zhou"
-        first, other, second = table.solid, (table.other or table).solid, [radius, *table.radii][-1]
-        try:
-            if table.wall is not None:
-                contact = sj.Contact.with_wall(first, other, radius, area)
-                return contact, (Body("sphere", first, radius), Body("wall", other, None))
-            contact = sj.Contact.between_spheres(first, other, radius, second, area)
-        except (sj.ArgumentError, ArithmeticError) as error:  # each makes sense, but not together
-            problem = f"no contact of these bodies ({error})"
-            raise self.refusal(None, problem, "other sizes are needed") from None
-        return contact, (Body("sphere", first, radius), Body("second sphere", other, second))
-
-    def _check_far(self) -> None:
-        """Refuse what is more than 100 times outside its plausible range, at its line."""
-        where = "wall" if self.table.wall is not None else "second"
-        for table, prefix in ((self.table, ""), (self.table.other, f"{where}.")):
-            for name in (*PROPERTIES, *RADII, *DIAMETERS) if self.table.plausibility else ():
-                range_of = RANGES.get("radius" if name in DIAMETERS + RADII else name)
-                value = getattr(table, name, None)
-                if range_of is not None and value is not None and range_of.is_far(value):
-                    problem = f"{name} is {value:.3g} {range_of.unit}, "
-                    problem += f"more than 100 times outside {range_of.accepted}"
-                    raise self.refusal(
-                        prefix + name,
-                        problem,
-                        "is its unit right? plausibility = false takes it as it is",
-                    )
-
-    def _data(self, contact: sj.Contact | None, bodies: tuple[Body, ...]) -> RestitutionData:
-        table, path = self.table, self._data_file()
-        named = {body.material for body in (table, table.wall, table.second) if body is not None}
-        remarks = [f"properties of {name} from {NAMED_SOURCE}" for name in sorted(named - {None})]
-        options = {name: getattr(table, name) for name in (*UNCERTAINTIES, "gravity")}
-        air = self.file.content.fit.air if table.air is None else table.air
-        options |= {"air": air, "dent": table.dent}
-        options |= {"name": self.name, "bodies": bodies, "remarks": remarks}
-        options |= {"limit_velocity": table.limit_velocity, "one_size": contact is not None}
-        if table.is_ball:
-            ball = {"mass": table.mass, "density": table.density}
-            options |= {"diameter": 2 * table.radii[0]} | ball
-        if table.in_rows:
-            data = self._of_sizes(path, options)
-        else:
-            data = read_csv(path, contact, **options)
-        if not table.average_repeats:
-            return data
-        try:
-            return data.averaged()
-        except DataError as error:
-            line = self.file.line((*self.place, "average_repeats"))
-            raise error.at(self.file.path, line) from None
-
-    def _of_sizes(self, path: Path, options: dict[str, Any]) -> RestitutionData:
-        """Measurements of spheres of several sizes, each given in its row."""
-        bodies: list[Body] = []
-
-        def contact_of(radius: np.ndarray) -> sj.Contact:
-            contact, bodies[:] = self._pair(radius)
-            return contact
-
-        data = read_csv(path, contact_of, **options, density=self.table.solid.density)
-        return replace(data, bodies=tuple(bodies))
-
-    def _data_file(self) -> Path:
-        """Path of the data file, next to the material file."""
-        name = os.fsdecode((self.table.data or "").encode())  # UTF-8 also where the locale is ASCII
-        path = Path(self.file.path).parent / name
-        try:
-            is_there = path.exists()
-        except (OSError, ValueError):  # a name too long, or with a NUL
-            is_there = False
-        if not is_there:
-            tried = printable(repr(str(path)))[:300]
-            accepted = "needed is the name of a CSV file next to this one"
-            raise self.refusal("data", f"data file {tried} is not there", accepted)
-        return path
+    fit = file.content.fit
+    stated = fit.model_fields_set - {"air"}  # the data have it
+    return ProblemFile(entries, {name: getattr(fit, name) for name in stated}, file)
