@@ -157,15 +157,10 @@ def sections(
     """The parts of a report by name, in their order; `pictures` are {caption: file next to the report}."""
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
     implausible = [w for w in result.warnings if w.code == "plausibility"]
-    condition = result.condition_number
-    rank = f"Rank {result.rank} of {len(result.covariance_names)} free parameters, "
-    rank += "condition number " + ("infinite" if condition is None else number(condition, 2))
     methods = [f"{name}: {text}" for name, text in interval_methods(result).items()]
     quality, bodies = quality_table(result), bodies_table(result)
     words = [f"{name}: {text}" for name, text in QUALITY.items() if name in quality]
-    warned, of_draws = warning_items(result.warnings, result), []
-    if draws is not None:
-        of_draws = _warnings_of_draws(draws, result)
+    warned, of_draws = warning_items(result.warnings, result), _warnings_of_draws(draws, result)
     return {
         "title": [Block("title", "Coefficients of restitution, fitted")],
         "implausible": _optional("list", warning_items(implausible, result)),
@@ -179,8 +174,8 @@ def sections(
             Block("heading", "Parameters"),
             Block("table", parameter_table(result, printed)),
             *_optional("list", _meanings(result)),
-            *_optional("list", _stated(result), "Priors, bounds and shared parameters:"),
-            *_optional("list", methods, CONFIDENCE.format(100 * result.confidence)),
+            *_optional("list", _stated(result), "text", "Priors, bounds and shared parameters:"),
+            *_optional("list", methods, "text", CONFIDENCE.format(100 * result.confidence)),
         ],
         "quality": [
             Block("heading", "Goodness of fit"),
@@ -191,21 +186,19 @@ def sections(
         ],
         "pictures": [Block("picture", pair) for pair in (pictures or {}).items()],
         "line": _line(result.unloading_line),
-        "posterior": [] if draws is None else _posterior(draws, result),
-        "warnings": [Block("heading", "Warnings"), Block("warnings", warned + of_draws)]
-        if warned + of_draws
-        else [],
+        "posterior": _posterior(draws, result),
+        "warnings": _optional("warnings", warned + of_draws, "heading", "Warnings"),
         "computed": [
             Block("heading", "How it was computed"),
             *([Block("code", command)] if command else []),
-            Block("text", f"{_settings(result)}. {rank}. {_searches(result)}."),
+            Block("text", _computed(result)),
         ],
     }
 
 
-def _optional(kind: str, value: list[Any], first: str = "") -> list[Block]:
-    """A block with a sentence before it; no block if `value` is empty."""
-    return [*([Block("text", first)] if first else []), Block(kind, value)] if value else []
+def _optional(kind: str, value: list[Any], before: str = "text", text: str = "") -> list[Block]:
+    """A block, with another one before it that has a text if any; no block if `value` is empty."""
+    return [*([Block(before, text)] if text else []), Block(kind, value)] if value else []
 
 
 def _sentence(result: Any) -> str:
@@ -301,14 +294,14 @@ def _verdict(result: Any, of_draws: int = 0) -> Block:
 def _data_set(fit: Any) -> Item:
     """Source and range of a data set, its objective, and where its curve is not determined."""
     data, origin = fit.data, fit.data.origin
-    text = f": {fit.n} impacts at {min(data.velocity):.4g} to {max(data.velocity):.4g} m/s, "
-    if data.uncertainty is None:
-        text += "no uncertainty stated (it is estimated from the scatter)"
-    else:
-        text += f"uncertainty of the restitution {range_text(data.uncertainty, 2)}"
-    text += f" in {len(data.groups)} groups" if data.groups else ""
-    text += "" if origin is None else f", from {origin.file}"
-    text += f"; {fit.model.label}: {OBJECTIVES[fit.objective]}."
+    uncertainty = "no uncertainty stated (it is estimated from the scatter)"
+    if data.uncertainty is not None:
+        uncertainty = f"uncertainty of the restitution {range_text(data.uncertainty, 2)}"
+    groups = f" in {len(data.groups)} groups" if data.groups else ""
+    source = "" if origin is None else f", from {origin.file}"
+    span = f"{min(data.velocity):.4g} to {max(data.velocity):.4g} m/s"
+    how = f"{fit.model.label}: {OBJECTIVES[fit.objective]}"
+    text = f": {fit.n} impacts at {span}, {uncertainty}{groups}{source}; {how}."
     below, above = fit.known_from > 0, fit.known_to < math.inf
     side, at = ("below", fit.known_from) if below else ("above", fit.known_to)
     unknown = f"The data do not constrain the curve {side} the critical velocity, {at:.4g} m/s."
@@ -337,30 +330,28 @@ def _line(line: Any) -> list[Block]:
     ]
 
 
-def _settings(result: Any) -> str:
-    """The settings of a fit in one line."""
-    settings, options = result.settings, result.request.options
-    known = ("law", "objective", "optimiser", "route", "noise", "noise_dof", "form", "kappa", "end")
-    names = [name for name in (*known, "starts", "seed") if settings.get(name) is not None]
-    parts = [f"{name.replace('_', ' ')} {settings[name]}" for name in names]
-    for stage in result.optimiser_report:
-        if stage.optimiser != settings["optimiser"]:
-            parts.append(f"{stage.stage} by {stage.optimiser}")
-    parts += ["scatter added to the stated uncertainties"] * options.extra_scatter
-    parts += ["a common factor of the stated uncertainties estimated"] * options.scale_uncertainty
-    return ", ".join(parts)
-
-
-def _searches(result: Any) -> str:
-    """Evaluations and seconds of all searches; those of each are in fit.json."""
-    stages = result.optimiser_report
-    seconds = sum(result.times.get(stage.label, 0.0) for stage in stages)
-    evaluations = sum(stage.evaluations for stage in stages)
-    return f"{len(stages)} searches, {evaluations} evaluations, {number(seconds, 2)} s"
+def _computed(result: Any) -> str:
+    """Settings, rank and searches; those of each search are in fit.json."""
+    options, stages = result.request.options, result.optimiser_report
+    estimated = {n: getattr(options, n) for n in ("extra_scatter", "scale_uncertainty")}
+    settings = ", ".join(
+        f"{name.replace('_', ' ')} {value}"
+        for name, value in {**result.settings, **estimated}.items()
+        if value is not None and value is not False and name != "shared"
+    )
+    others = {s.optimiser: s.stage for s in stages if s.optimiser != result.settings["optimiser"]}
+    settings += "".join(f", {stage} by {optimiser}" for optimiser, stage in others.items())
+    condition = number(result.condition_number, 2)
+    rank = f"Rank {result.rank} of {len(result.covariance_names)} free parameters"
+    seconds = number(sum(result.times.get(stage.label, 0.0) for stage in stages), 2)
+    searches = f"{len(stages)} searches, {sum(s.evaluations for s in stages)} evaluations"
+    return f"{settings}. {rank}, condition number {condition}. {searches}, {seconds} s."
 
 
 def _posterior(draws: Any, result: Any) -> list[Block]:
-    """Settings of the sampler, a table of the draws, conclusions, and warnings."""
+    """Settings of the sampler, a table of the draws, and whether they converged."""
+    if draws is None:
+        return []
     from calibration.fitting.posterior.diagnostics import not_converged, summaries
     from calibration.fitting.posterior.draws import dataset_of
 
@@ -397,6 +388,8 @@ def _posterior(draws: Any, result: Any) -> list[Block]:
 
 
 def _warnings_of_draws(draws: Any, result: Any) -> list[Item]:
+    if draws is None:
+        return []
     from calibration.fitting.posterior.diagnostics import warnings_of
 
     items = warning_items(warnings_of(draws), result)

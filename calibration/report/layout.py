@@ -1,12 +1,11 @@
 """A report is a list of blocks; here it becomes terminal text, a Markdown page or HTML."""
 
 import base64
-import html
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
-from functools import cache, partial
+from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,8 +24,9 @@ from calibration.rounding import ABSENT
 
 # characters of Markdown's syntax: not an underscore between letters, and brackets only where
 # another bracket follows
-STRUCTURE = re.compile(r"[<>&`*\\#~$]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])")
-CODE = re.compile(r"(`(?:softjax )?[\w-]+`)")  # a word between backticks, in sentences of our own
+STRUCTURE = re.compile(r'[<>&`*\\#~$|"]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])')
+# a word between backticks, in sentences of our own, once they are escaped
+CODE = re.compile("&#96;((?:softjax )?[\\w-]+)&#96;")
 
 
 class Block(NamedTuple):
@@ -61,14 +61,9 @@ def markdown(blocks: Iterable[Block]) -> str:
 def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
     """HTML of blocks: a full page with the pictures of a folder, or a fragment without."""
 
-    def embedded(name: str) -> str:
-        """The file in base 64."""
-        return base64.b64encode((folder / name).read_bytes()).decode("ascii")  # type: ignore[operator]
-
-    is_full_page = folder is not None
-    return _template("report.html").render(
-        blocks=blocks, is_full_page=is_full_page, embedded=embedded
-    )
+    files = {b.value[1]: folder / b.value[1] for b in blocks if folder and b.kind == "picture"}
+    pictures = {n: Markup(base64.b64encode(f.read_bytes()).decode()) for n, f in files.items()}
+    return _template("report.html").render(blocks=blocks, folder=folder, pictures=pictures)
 
 
 def table_text(table: pd.DataFrame) -> str:
@@ -113,55 +108,30 @@ def _lines(block: Block) -> list[str]:
 @cache
 def _template(name: str) -> jinja2.Template:
     """A template in which all text is escaped."""
-    is_page = name.endswith(".html")
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
-        finalize=_shown if is_page else _escaped,
+        finalize=_escaped,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         undefined=jinja2.StrictUndefined,
     )
+    code = r"<code>\1</code>" if name.endswith(".html") else r"`\1`"
     environment.filters |= {
-        "prose": partial(_prose, escape=_html, code="<code>{}</code>")
-        if is_page
-        else partial(_prose, escape=_escaped, code="`{}`"),
-        "code": _code,
+        "prose": lambda text: Markup(CODE.sub(code, _escaped(text))),
+        "plain": lambda text: Markup(printable(text)),
         "row": lambda cells: Markup(f"| {' | '.join(map(_escaped, cells))} |"),
     }
     environment.tests["of_numbers"] = _are_numbers
     return environment.get_template(name)
 
 
-def _html(text: str) -> str:
-    return html.escape(printable(text))
-
-
-def _shown(value: Any) -> Any:
-    return value if isinstance(value, Markup) else printable(str(value))
-
-
 def _escaped(value: Any) -> Markup:
     """Text with entities in place of characters that Markdown or HTML would interpret."""
     if isinstance(value, Markup):
         return value
-    shown = STRUCTURE.sub(lambda match: f"&#{ord(match[0])};", printable(str(value)))
-    return Markup(shown.replace("|", "\\|"))
-
-
-def _prose(text: str, escape: Callable[[str], str], code: str) -> Markup:
-    """A sentence of our own, with its words between backticks as code."""
-    parts = CODE.split(text)
-    marked = (code.format(p.strip("`")) if k % 2 else escape(p) for k, p in enumerate(parts))
-    return Markup("".join(marked))
-
-
-def _code(text: str) -> Markup:
-    """Markdown code, between more backticks than the text has in a row."""
-    marks = "`" * (max(map(len, re.findall("`+", text)), default=0) + 1)
-    space = " " * ("`" in text)
-    return Markup(f"{marks}{space}{printable(text)}{space}{marks}")
+    return Markup(STRUCTURE.sub(lambda match: f"&#{ord(match[0])};", printable(str(value))))
 
 
 def _are_numbers(column: Iterable[Any]) -> bool:

@@ -284,7 +284,7 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
         names = fit.report(tmp_path / "mine")
     assert {*names} == {path.name for path in alloy.folder.iterdir()}
     assert axes_of(figures["curves.png"]) == axes_of(fit.plot()) == PICTURES["curves"]
-    own = "`softjax fit .*`\n\n|, from [^;]*alloy.csv"
+    own = "    softjax fit .*\n\n|, from [^;]*alloy.csv"
     reports = (alloy.text("report.md"), (tmp_path / "mine/report.md").read_text(encoding="utf-8"))
     given, default = (re.sub(own, "", report) for report in reports)
     assert default == given
