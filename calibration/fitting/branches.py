@@ -32,11 +32,11 @@ class Branches(NamedTuple):
     upper: Z
     elastic: Bool[np.ndarray, "fits points"]  # which points are below yield
     z: Z  # a start there, and later the place of the lowest cost
-    cost: Float[np.ndarray, "fits"]  # half the sum of squares there
-    limits: Int[np.ndarray, "fits p"]  # of the active elements, see `Ends`
+    cost: Float[np.ndarray, "fits"] = None  # type: ignore[assignment]  # half the sum of squares there
+    limits: Int[np.ndarray, "fits p"] = None  # type: ignore[assignment]  # of the active elements, see `Ends`
 
     def some(self, which) -> "Branches":
-        return Branches(*(part[which] for part in self))
+        return Branches(*(None if part is None else part[which] for part in self))
 
     @classmethod
     def joined(cls, parts: list["Branches"]) -> "Branches":
@@ -110,8 +110,6 @@ def _all_along(problem: Problem, z, k: int) -> Branches:
     with np.errstate(invalid="ignore"):
         middle = np.where(np.isfinite(low + high), 0.5 * (low + high), z[k])
     middle = np.clip(middle, low + BEYOND * np.isinf(high), high - BEYOND * np.isinf(low))
-    if count == 1:
-        middle[:] = z[k]
     begin = np.where((low <= z[k]) & (z[k] <= high), z[k], middle)
     places = np.repeat(z[None], count, axis=0)
     places[:, k] = begin
@@ -123,14 +121,13 @@ def _all_along(problem: Problem, z, k: int) -> Branches:
     for m in _with_points_of(problem, k):
         lower[:, m] = upper[:, m] = z[m]
     lower[:, k], upper[:, k] = low, high
-    nothing = np.zeros((count, len(problem.active)), int)
-    return Branches(lower, upper, elastic, places, np.full(count, np.inf), nothing)
+    return Branches(lower, upper, elastic, places)
 
 
 def _lowest_along(problem: Problem, z, k: int) -> Branches:
     """Branches with their lowest costs; if there are very many, all near the best and some of the others."""
     candidates = _all_along(problem, z, k)
-    count = len(candidates.cost)
+    count = len(candidates.z)
     most = int(np.clip(AT_ONCE // problem.count, LEAST, MOST))
     low, high, done = 0, count - 1, []
     while True:
@@ -160,7 +157,5 @@ def by_branches(problem: Problem, z) -> tuple[Branches, Branches]:
 
 def _together(problem: Problem, z) -> Branches:
     """All elements searched at once, on the branches that points have at z."""
-    lower, upper = _ends(problem, z)
-    nothing = np.zeros((1, len(problem.active)), int)
-    here = lower[None], upper[None], np.asarray(problem.elastic_at(z))[None], z[None]
-    return Branches(*here, np.full(1, np.inf), nothing).searched(problem)
+    here = (*_ends(problem, z), np.asarray(problem.elastic_at(z)), z)
+    return Branches(*(part[None] for part in here)).searched(problem)

@@ -149,7 +149,7 @@ class FitRecord(Strict):
     variances: dict[str, NotNegative | None]
     timing: NotNegative | None
     noise_dof: NotNegative | None
-    noise_family: Literal[tuple(FAMILIES)] | None = None  # type: ignore[valid-type]
+    noise_family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]
     outliers: tuple[Outlier, ...]
     standardised: tuple[Real, ...]
     leverage: tuple[Real, ...]

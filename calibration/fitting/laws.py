@@ -240,20 +240,22 @@ def _options(law: type, key: str, given: Mapping[str, str]) -> dict[str, str]:
     return {name: given.get(name, values[0]) for name, values in choices.items()}
 
 
-Numbers = dict[str, Any]
-FromData = Callable[[RestitutionData], Numbers]
+class Start(NamedTuple):
+    """Where a search of a built-in law starts, from the data: numbers by parameter."""
+
+    guess: Mapping[str, Any] = {}
+    fixed: Mapping[str, Any] = {}  # what ε does not determine, with the value it is fixed at
+    ranges: Mapping[str, tuple[float, float]] = {}  # ends of a parameter's range
 
 
 @dataclass(frozen=True)
 class Known:
-    """Start values, bounds and fixed parameters of a built-in law, from the data."""
+    """A built-in law: its label in tables and pictures, start, and what a reader of a comparison should know."""
 
     law: type
-    label: str  # its name in tables and pictures
-    guess: FromData = lambda _: {}  # where a search starts
-    fixed: FromData = lambda _: {}  # what ε does not determine, with the value it is fixed at
-    ranges: FromData = lambda _: {}  # ends of a parameter's range
-    remark: str = ""  # what a reader of a comparison should know
+    label: str
+    start: Callable[[RestitutionData], Start] = lambda _: Start()
+    remark: str = ""
 
 
 def _measured(data: RestitutionData, *more: Any) -> tuple[np.ndarray, ...]:
@@ -264,27 +266,16 @@ def _measured(data: RestitutionData, *more: Any) -> tuple[np.ndarray, ...]:
     return data.velocity[rows], np.nan_to_num(data.restitution[rows], nan=0.5), *each
 
 
-def _mean(data: RestitutionData) -> float:
-    return float(np.clip(np.mean(_measured(data)[1]), 1e-3, 0.999))
+def _bodies(data: RestitutionData) -> dict[str, float]:
+    """Means of the contact's numbers, and k √R [N/m], a linear spring that is as stiff as Hertz's contact."""
+    contact = data.contact
+    assert contact is not None
+    names = ("yield_ratio", "stiffness", "radius", "mass")
+    means = {name: float(np.mean(np.asarray(getattr(contact, name)))) for name in names}
+    return means | {"spring": means["stiffness"] * means["radius"] ** 0.5}
 
 
-def _one(values: Any) -> float:
-    """A single number for what may differ from impact to impact."""
-    return float(np.mean(np.asarray(values)))
-
-
-def _unless_observed(name: str) -> FromData:
-    """A stiffness, which ε does not determine, and forces, times and overlaps do."""
-    return lambda data: {} if data.observed else {name: _spring(data)}
-
-
-def _spring(data: RestitutionData) -> float:
-    """k √R [N/m], the size of a linear spring that is as stiff as Hertz's contact."""
-    assert data.contact is not None
-    return _one(data.contact.stiffness) * _one(data.contact.radius) ** 0.5
-
-
-def _losses(data: RestitutionData) -> Numbers:
+def _losses(data: RestitutionData) -> dict[str, float]:
     """σ and ψ from the straight line ln(-ln ε) = ln σ + ψ ln[v/(v_lim - v)]."""
     velocity, restitution, limit = _measured(data, data.limit_velocity)
     inside = (restitution > 0) & (restitution < 1) & np.isfinite(limit)
@@ -300,110 +291,102 @@ def _losses(data: RestitutionData) -> Numbers:
     return {"sigma": float(np.exp(np.clip(level, -20, 20))), "psi": psi}
 
 
-def guess_zhou(data: RestitutionData) -> Numbers:
+def _of_zhou(data: RestitutionData) -> Start:
     """χ̃ of X = 10, in the middle of what materials have, and Eq. (17)'s coefficients."""
-    assert data.contact is not None
-    ratio = _one(data.contact.yield_ratio)
+    ratio = _bodies(data)["yield_ratio"]
     up = float(np.clip(np.max(_measured(data)[1]), 0.1, 0.999))
-    line = {"c1": 0.0, "c2": 10 / ratio**2}
-    return {"chi": 10 / ratio, "eps_up": up, **line, **_losses(data)}
+    guess = {"chi": 10 / ratio, "eps_up": up, "c1": 0.0, "c2": 10 / ratio**2, **_losses(data)}
+    return Start(guess, ranges={OF_CONTACT + "limit_velocity": _beyond_fastest(data)})
 
 
-def _guess_thornton(data: RestitutionData) -> Numbers:
+def _of_thornton(data: RestitutionData) -> Start:
     """ε ≈ 1.185 (V_y/v)^{1/4} far above yield, and V_y ∝ p_y^{5/2}."""
-    assert data.contact is not None
-    at_one = _one(sj.Thornton(data.contact).elastic_velocity())
+    at_one = float(np.mean(np.asarray(sj.Thornton(data.contact).elastic_velocity())))
     velocity, restitution = _measured(data)
     yields = np.median(velocity * (np.clip(restitution, 0.05, 0.99) / 1.185) ** 4)
-    return {"yield_factor": float(np.clip((yields / at_one) ** 0.4, 1e-3, 1e3))}
+    return Start({"yield_factor": float(np.clip((yields / at_one) ** 0.4, 1e-3, 1e3))})
 
 
-def _guess_walton_braun(data: RestitutionData) -> Numbers:
+def _of_walton_braun(data: RestitutionData) -> Start:
     """1/ε² = k20/k1 + s v √(M/k1), a straight line."""
-    assert data.contact is not None
-    velocity, restitution = _measured(data)
-    inverse = np.clip(restitution, 0.05, 1.0) ** -2
+    bodies, (velocity, restitution) = _bodies(data), _measured(data)
+    inverse, loading = np.clip(restitution, 0.05, 1.0) ** -2, bodies["spring"]
     slope, level = np.polyfit(velocity, inverse, 1) if np.ptp(velocity) else (0, 1.5)
-    stiffness = _spring(data)
     growth = max(slope, 0.01 * float(np.mean(inverse)) / float(np.max(velocity)))
-    per_velocity = (stiffness / _one(data.contact.mass)) ** 0.5
-    unloading = max(level, 1.01) * stiffness
-    guess = {"unloading_stiffness": unloading, "growth": growth * per_velocity}
-    return guess | {"loading_stiffness": stiffness}
+    guess = {"loading_stiffness": loading, "unloading_stiffness": max(level, 1.01) * loading}
+    guess["growth"] = growth * (loading / bodies["mass"]) ** 0.5
+    if data.observed:
+        return Start(guess)
+    ranges = {"unloading_stiffness": (loading, np.inf)}
+    return Start(guess, {"loading_stiffness": loading}, ranges)
 
 
-def _guess_viscoelastic(data: RestitutionData) -> Numbers:
+def _of_viscoelastic(data: RestitutionData) -> Start:
     """1 - ε ≈ 1.15345 · 3/2 A (k/M)^{2/5} v^{1/5} of slow impacts."""
     assert data.contact is not None
     stiffness = np.asarray(data.contact.stiffness / data.contact.mass)
     velocity, restitution, stiffness = _measured(data, stiffness)
     lost, rate = np.clip(1 - restitution, 1e-3, 0.9), stiffness**0.4 * velocity**0.2
-    return {"dissipation_time": float(np.median(lost / (1.5 * 1.15345 * rate)))}
+    return Start({"dissipation_time": float(np.median(lost / (1.5 * 1.15345 * rate)))})
 
 
-def _limit(data: RestitutionData) -> Numbers:
-    return {} if data.limit_velocity is None else {"limit_velocity": data.limit_velocity}
+def _of_mean(data: RestitutionData) -> Start:
+    return Start({"restitution": float(np.clip(np.mean(_measured(data)[1]), 1e-3, 0.999))})
 
 
-def _beyond_fastest(data: RestitutionData) -> Numbers:
-    return {"limit_velocity": (float(np.max(data.velocity)), np.inf)}
+def _of_linear(data: RestitutionData) -> Start:
+    stiffness = {"stiffness": _bodies(data)["spring"]}
+    return Start({**_of_mean(data).guess, **stiffness}, {} if data.observed else stiffness)
 
 
-def _set_restitution(data: RestitutionData) -> Numbers:
-    return {"restitution": _mean(data)}
+def _of_eq_17(data: RestitutionData) -> Start:
+    limit = {} if data.limit_velocity is None else {"limit_velocity": data.limit_velocity}
+    return Start(_losses(data), limit, {"limit_velocity": _beyond_fastest(data)})
+
+
+def _beyond_fastest(data: RestitutionData) -> tuple[float, float]:
+    return float(np.max(data.velocity)), np.inf
 
 
 KNOWN: dict[str, Known] = {
-    "zhou": Known(
-        sj.Zhou,
-        "Zhou",
-        guess_zhou,
-        ranges=lambda data: {"contact." + k: v for k, v in _beyond_fastest(data).items()},
-    ),
+    "zhou": Known(sj.Zhou, "Zhou", _of_zhou),
     "thornton": Known(
         sj.Thornton,
         "Thornton, yield pressure free",
-        _guess_thornton,
-        remark="Hertz's contact area; the literature's p_y/Y are 1.6 to 2.8.",
+        _of_thornton,
+        "Hertz's contact area; the literature's p_y/Y are 1.6 to 2.8.",
     ),
     "walton-braun": Known(
         sj.WaltonBraun,
         "Walton–Braun",
-        _guess_walton_braun,
-        fixed=_unless_observed("loading_stiffness"),
-        ranges=lambda data: (
-            {} if data.observed else {"unloading_stiffness": (_spring(data), np.inf)}
-        ),
-        remark="ε does not determine k1, which is fixed at k √R; k20 and s are in proportion to it.",
+        _of_walton_braun,
+        "ε does not determine k1, which is fixed at k √R; k20 and s are in proportion to it.",
     ),
-    "viscoelastic": Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _guess_viscoelastic),
+    "viscoelastic": Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _of_viscoelastic),
     "hertz": Known(sj.Hertz, "Hertz", remark="Nothing to fit: ε = 1."),
     "hertz-dashpot": Known(
         sj.HertzDashpot,
         "Hertz with dashpot",
-        _set_restitution,
-        remark="ε is an input of the law, the same at all velocities.",
+        _of_mean,
+        "ε is an input of the law, the same at all velocities.",
     ),
     "linear": Known(
         sj.LinearSpringDashpot,
         "linear spring–dashpot",
-        lambda data: {"restitution": _mean(data), "stiffness": _spring(data)},
-        fixed=_unless_observed("stiffness"),
-        remark="ε is an input of the law, the same at all velocities; it does not determine K.",
+        _of_linear,
+        "ε is an input of the law, the same at all velocities; it does not determine K.",
     ),
     "constant": Known(
         sj.ConstantRestitution,
         "constant ε (hard spheres)",
-        _set_restitution,
-        remark="ε is an input of the law; fitted is its mean.",
+        _of_mean,
+        "ε is an input of the law; fitted is its mean.",
     ),
     "eq-17": Known(
         sj.EmpiricalRestitution,
         "Eq. (17), empirical",
-        _losses,
-        fixed=_limit,
-        ranges=_beyond_fastest,
-        remark="A formula without a collision, as a baseline.",
+        _of_eq_17,
+        "A formula without a collision, as a baseline.",
     ),
 }
 LAWS: dict[str, type] = {key: known.law for key, known in KNOWN.items()}

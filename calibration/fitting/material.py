@@ -117,7 +117,7 @@ class Goodness:
             "scatter", "group" (of another specimen, launch or day), "timing", "scale", "repeats";
             relative but for ε.
         timing: standard deviation of times that was found [s].
-        noise_family: distribution of the errors; None in files older than that: by `noise_dof`.
+        noise_family: distribution of the errors.
         noise_dof: degrees of freedom of Student's t; None for normal errors.
         outliers: the points beyond what the noise explains, the farthest first.
         standardised, leverage: of each point: residuals over their standard deviations, and how many
@@ -131,7 +131,7 @@ class Goodness:
     reduced_chi_squared: float | None = None
     variances: Mapping[str, float] = field(default_factory=dict)
     timing: float | None = None
-    noise_family: Literal[tuple(FAMILIES)] | None = None  # type: ignore[valid-type]
+    noise_family: Literal[tuple(FAMILIES)] = "normal"  # type: ignore[valid-type]
     noise_dof: float | None = None
     outliers: tuple[Outlier, ...] = ()
     standardised: tuple[float, ...] = field(default=(), repr=False)
@@ -142,7 +142,7 @@ class Goodness:
     @property
     def family(self) -> Normal:
         """The distribution of the errors."""
-        kind = FAMILIES[self.noise_family or ("normal" if self.noise_dof is None else "student-t")]
+        kind = FAMILIES[self.noise_family]
         return kind() if self.noise_dof is None else kind(self.noise_dof)
 
     @property

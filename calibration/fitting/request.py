@@ -26,8 +26,8 @@ from calibration.fitting.laws import (
     MOVE_YIELD,
     OF_CONTACT,
     WITHOUT_CONTACT,
-    Known,
     LawModel,
+    Start,
     Tree,
     law_name,
     model_of,
@@ -174,7 +174,7 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options: FitOptions) -
     # Eq. (17), or a constant, by itself
     objective = "model" if data.contact is None else options.objective or "model"
     _check_law(data, model, objective, options.noise)
-    known, stated = KNOWN.get(model.key) or Known(model.law_type, ""), {}
+    start, stated = KNOWN[model.key].start(data) if model.key in KNOWN else Start(), {}
     for name, value in named.items():
         try:
             full = model.canonical(name)
@@ -183,14 +183,14 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options: FitOptions) -
             raise error if origin is None else origin.error(error) from None
         is_array = full in model.arrays and not isinstance(value, Parameter)
         stated[full] = Parameter(value, free=False) if is_array else as_parameter(name, value)
-        has_value = full.startswith(OF_CONTACT) or full in {*model.defaults, *known.fixed(data)}
+        has_value = full.startswith(OF_CONTACT) or full in {*model.defaults, *start.fixed}
         if not (stated[full].free or stated[full].value is not None or has_value):
             no_value = DataError("value", "missing", "given where it is fixed")  # a guess is none
             raise placed(stated[full], full, no_value)
     model = model.with_units({name: p.unit for name, p in stated.items() if p.unit})
     if model.key == "zhou" and objective == "model":
         stated, model = _identified(data, stated, model, words)
-    local, trees = _elements(data, model, known, stated)
+    local, trees = _elements(data, model, start, stated)
     errors = tuple(Errors.of(data, options, observed) for observed, *_ in blocks_of(data))
     return SetSpec(data, objective, replace(model, trees=trees), local, errors)
 
@@ -275,10 +275,9 @@ def _highest_yield(contact: sj.Contact, parameters: Mapping[str, Parameter]) -> 
     return replace(contact, **corner).critical_velocity
 
 
-def _elements(data, model: LawModel, known: Known, stated: Mapping[str, Parameter]):
+def _elements(data, model: LawModel, known: Start, stated: Mapping[str, Parameter]):
     """Start and range of every parameter, and how arrays are put together."""
-    fixed, ranges = known.fixed(data), known.ranges(data)
-    guess = known.guess(data) | fixed
+    guess = {**known.guess, **known.fixed}
     local: list[Element] = []
     trees: list[Tree] = []
     for name in dict.fromkeys([*model.parameters, *stated]):
@@ -293,7 +292,7 @@ def _elements(data, model: LawModel, known: Known, stated: Mapping[str, Paramete
             continue
         stands_in = name == "psi" and "eps_up" in model.parameters and parameter is None
         if parameter is None:
-            parameter = Parameter(free=not (stands_in or name in fixed))
+            parameter = Parameter(free=not (stands_in or name in known.fixed))
         if name in LINE and parameter.free and not parameter.shared:
             # Eq. (18)'s line belongs to all materials
             parameter = parameter.model_copy(update={"shared": True})
@@ -302,7 +301,7 @@ def _elements(data, model: LawModel, known: Known, stated: Mapping[str, Paramete
             low, high = parameter.range_within(declared)
         except DataError as error:
             raise placed(parameter, name, error) from None
-        least, most = ranges.get(name, WIDE)
+        least, most = known.ranges.get(name, WIDE)
         ends = max(low, least), min(high, most)
         start = _start(data, model, name, parameter, guess, *ends)
         local.append(Element(name, parameter, declared, start, ends, stands_in))

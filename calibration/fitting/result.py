@@ -21,7 +21,7 @@ from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.fit_json import read_result, result_to_dict
-from calibration.fitting.laws import LINE, law_name
+from calibration.fitting.laws import LINE
 from calibration.fitting.line import Line, fit_line
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile, profiles_of
@@ -59,6 +59,11 @@ def _of_each(name: str, doc: str) -> Any:
     return property(get, doc=doc)
 
 
+def _of_likelihood(name: str, doc: str) -> Any:
+    """A property of a fit's likelihood; None without one."""
+    return property(lambda result: getattr(result.likelihood, name, None), doc=doc)
+
+
 @dataclass(frozen=True, eq=False)
 class FitResult:
     """A fit; prints itself as a table. See `MaterialFit` for one data set of it.
@@ -71,7 +76,7 @@ class FitResult:
         of_predictions: the covariance with 0 along what is undetermined: of what follows from the
             parameters together.
         rank, condition_number: of the weighted Jacobian with columns scaled to one.
-        likelihood: None where what was minimised is no likelihood, or the data have no noise.
+        likelihood: None under `two-step`, for pooled parameters, and for data without noise.
         warnings: all of them.
         optimiser_report: what each stage took.
         profiles: by parameter label.
@@ -145,21 +150,11 @@ class FitResult:
         line = self.unloading_line is None or self.unloading_line.converged
         return line and all(material.converged for material in self.materials)
 
-    @property
-    def log_likelihood(self) -> float | None:
-        """ln L; None under `two-step`, for pooled parameters, and for data without noise."""
-        return None if self.likelihood is None else self.likelihood.log
-
-    @property
-    def aic(self) -> float | None:
-        """Akaike's criterion, 2k - 2 ln L."""
-        return None if self.likelihood is None else self.likelihood.aic
-
-    @property
-    def bic(self) -> float | None:
-        """Schwarz's criterion, k ln n - 2 ln L."""
-        return None if self.likelihood is None else self.likelihood.bic
-
+    log_likelihood = _of_likelihood(
+        "log", "ln L; None under `two-step`, for pooled parameters, and for data without noise."
+    )
+    aic = _of_likelihood("aic", "Akaike's criterion, 2k - 2 ln L.")
+    bic = _of_likelihood("bic", "Schwarz's criterion, k ln n - 2 ln L.")
     rms = _of_each("rms", "Root mean square of curve minus data; for several data sets by name.")
     rms_empirical = _of_each("rms_empirical", "Rms of Eq. (17); None for other laws than Zhou's.")
     outliers = _of_each("outliers", "The points that the noise does not explain; by name as well.")
@@ -541,7 +536,6 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
         **{name: value for spec in specs for name, value in spec.model.options.items()},
         "x64": True,
         **{name: getattr(options, name) for name in names if name not in without_effect},
-        "given_law": law_name(options.law),
     }
     if isinstance(integrated, sj.ODE):
         steps = integrated.steps

@@ -56,10 +56,12 @@ APART = 1.0  # in z: starts nearer than that would be one search made twice
 Places = Float[np.ndarray, "starts elements"]
 
 
-def candidates(
-    problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int, wide: float = 1.0
+def screened(
+    problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int, keep: int, wide=1.0
 ) -> Places:
-    """`count` starts: z itself, then points evenly around it along the active elements.
+    """The `keep` best of `count` places that are `APART`, the best first; each data set ranks its own elements.
+
+    z itself, and points evenly around it along the active elements.
 
     Args:
         wide: how many times its own size an element of any sign may change.
@@ -83,23 +85,16 @@ def candidates(
     unit = (shift + np.arange(1, count)[:, None] * np.sqrt(primes)) % 1
     places = np.repeat(z[None], count, axis=0)
     places[1:, active] = low + (high - low) * unit
-    return places
-
-
-def best_starts(problem: Problem, places: Places, keep: int) -> Places:
-    """The `keep` best that are `APART`, best first; each data set ranks its own elements."""
-    if len(places) == 1:
-        return places
     lanes = Lanes(elastic=problem.elastic_at(places))
     linear = problem.linearise(places, lanes, slopes=False)
     squares = np.nan_to_num(linear.residual, nan=np.inf) ** 2
     begins = np.flatnonzero(np.diff(problem.points.set, prepend=-1))
     of_sets = np.add.reduceat(squares[:, : problem.count], begins, axis=1)
     costs = of_sets + squares[:, problem.count :].sum(axis=1)[:, None]
-    keep = min(keep, len(places))
+    keep = min(keep, count)
     starts = np.repeat(places[:1], keep, axis=0)
-    for sets in {problem.elements[k].sets for k in problem.active}:
-        members = [k for k in problem.active if problem.elements[k].sets == sets]
+    for sets in {problem.elements[k].sets for k in active}:
+        members = [k for k in active if problem.elements[k].sets == sets]
         ranked = costs[:, sets[0]] if len(sets) == 1 else costs.sum(axis=1)
         order, own = np.argsort(ranked, kind="stable").tolist(), places[:, members]
         chosen: list[int] = []
@@ -179,8 +174,7 @@ def run_stage(
     begun = time.perf_counter()
     problem = first_variances(problem, z) if weigh else problem
     unsettled = weigh and needs_variances(problem)
-    places = candidates(problem, z, options.starts, options.seed)
-    ends, branches, alone = _searched(problem, z, places, options)
+    ends, branches, alone = _searched(problem, z, options)
     problem, best, others = held_at(problem, ends[0].z[0]), ends[0], ends[1:]
     evaluations = sum(end.evaluations for end in ends)
     if unsettled:
@@ -215,7 +209,7 @@ def run_stage(
         cost=float(best.cost[0]),
         converged=bool(best.converged[0]),
         reason=str(best.reason[0]),
-        starts=len(places),
+        starts=options.starts if len(problem.active) else 1,
     )
     if weigh and not unsettled and any(errors.unknown for errors in problem.errors):
         problem, best = _in_units(problem, best)
@@ -231,13 +225,13 @@ def run_stage(
     )
 
 
-def _searched(problem: Problem, z, places: Places, options: FitOptions):
-    """Ends of searches from the best of some places, the best first, and branches where ε jumps at yield.
+def _searched(problem: Problem, z, options: FitOptions):
+    """Ends of searches from the best of the starts, the best first, and branches where ε jumps at yield.
 
     Also whether one search alone of many ended so low, and misses the points.
     """
     few = condensed(problem)
-    starts = best_starts(few, places, REFINED)
+    starts = screened(few, z, options.starts, options.seed, REFINED)
     if problem.moves and len(problem.active):
         # far from the points a steep curve would explain them by errors of velocities
         pairs = zip(few.errors, few.variances, strict=True)
@@ -318,8 +312,8 @@ def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions
         count = min(per_element ** min(p, 4), room)
         if count < options.starts:
             break
-        places = candidates(problem, z, count, options.seed + k + 1, wide)
-        more = _from_starts(problem, best_starts(problem, places, most), QUICKEST)
+        places = screened(problem, z, count, options.seed + k + 1, most, wide)
+        more = _from_starts(problem, places, QUICKEST)
         if float(more[0].cost[0]) < float(ends[0].cost[0]) * (1 - CHANGED):
             more[0] = search(
                 problem, _as_starts(problem, more[0]), options.optimiser, limit=options.max_steps

@@ -8,7 +8,6 @@ import numpy as np
 from scipy import special
 
 import softjax as sj
-from calibration.data import RestitutionData
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eq_17, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
@@ -54,6 +53,7 @@ def _material(fit: ComponentFit, g: int, by_element, confidence, shared_warnings
     first = problem.of_restitution(g)
     known_from, known_to = _determined_between(fit, g)
     parameters, values, labels = _parameters(fit, g, by_element, known_to)
+    rms_empirical, empirical = _eq_17(fit, g)
     part = MaterialFit(
         **(vars(of_eps) | {"outliers": outliers}),
         data=spec.data,
@@ -63,20 +63,20 @@ def _material(fit: ComponentFit, g: int, by_element, confidence, shared_warnings
         derived=derived_of(fit, g, confidence),
         values=values,
         labels=labels,
-        rms_empirical=None,
-        empirical=None,
+        rms_empirical=rms_empirical,
+        empirical=empirical,
         converged=fit.converged,
         status=tuple(map(int, at.status[0][first])),
         known_from=known_from,
         known_to=known_to,
         observed={name: of_one for name, of_one in goodness.items() if name != RESTITUTION},
     )
-    part, disagreements = _with_eq_17(fit, g, part)
-    found_warnings = [w for w in shared_warnings if w.material == part.name] + disagreements
-    errors = dict(zip(goodness, spec.errors, strict=True))
+    found = [warning for warning in shared_warnings if warning.material == part.name]
+    if spec.objective == "two-step" and (part.rms_empirical or 0.0) >= NOISELESS:
+        found += raised(part.name, _disagreements(fit, part))
     off = at.prediction[0][first] - problem.points.value[first]
-    found_warnings += of_set(fit, part, off, errors)
-    return replace(part, warnings=tuple(found_warnings))
+    found += of_set(fit, part, off, dict(zip(goodness, spec.errors, strict=True)))
+    return replace(part, warnings=tuple(found))
 
 
 def _parameters(fit: ComponentFit, g: int, by_element, known_to: float):
@@ -252,7 +252,10 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
             gradient[k] = (8 * (up - down) - (far_up - far_down)) / (12 * DIFFERENCE * scale)
     acting = (gradient != 0) & (fit.uncertainty.limits == 0)
     whole = fit.uncertainty.covariance
-    if fit.is_likelihood and _shows(fit, gradient):  # along no null direction
+    size, seen = fit.seen
+    way = gradient[fit.final.problem.active] / size
+    hidden = np.linalg.norm(way - seen.T @ (seen @ way))
+    if fit.is_likelihood and hidden <= NULL_SHARE * np.linalg.norm(way):  # along no null direction
         whole = fit.uncertainty.of_predictions
     covariance = whole[np.ix_(acting, acting)]
     variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
@@ -265,41 +268,22 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
     return Estimate(value, error, low, high, "derived")
 
 
-def _shows(fit: ComponentFit, gradient: np.ndarray) -> bool:
-    """Whether a number moves the points with whatever moves it."""
-    size, seen = fit.seen
-    way = gradient[fit.final.problem.active] / size
-    left = way - seen.T @ (seen @ way)
-    return bool(np.linalg.norm(left) <= NULL_SHARE * np.linalg.norm(way))
-
-
-def _with_eq_17(fit: ComponentFit, g: int, part: MaterialFit):
-    """With the rms and coefficients of Eq. (17); and whether `model` disagrees with `two-step`."""
+def _eq_17(fit: ComponentFit, g: int) -> tuple[float | None, Mapping[str, float] | None]:
+    """Rms and coefficients of Eq. (17) against all points; None for other laws, and without a limit velocity."""
     spec = fit.component.specs[g]
-    if spec.model.law_type is sj.EmpiricalRestitution:
-        return replace(part, rms_empirical=part.rms, empirical=part.values), []
-    if spec.model.law_type is not sj.Zhou:
-        return part, []
-    two_step = spec.objective == "two-step"
-    alone, place = (fit, g) if two_step else (_eq_17_alone(spec.data), 0)
-    if alone is None:
-        return part, []
-    problem = alone.stages[0].problem
-    off = problem.linearise(alone.z[None]).prediction[0] - problem.points.value
-    rms = float(np.sqrt(np.mean(off[problem.of_restitution(place)] ** 2)))
-    law = problem.law_of(alone.theta, place)
+    if spec.model.law_type is sj.Zhou and spec.objective == "model":
+        data = spec.data
+        if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
+            return None, None
+        plain = replace(data.of_restitution(), contact=None)
+        (fit,), g = fitted(Request((plain,)).with_options(law="eq-17", **PLAIN)), 0
+    elif spec.model.law_type not in (sj.Zhou, sj.EmpiricalRestitution):
+        return None, None
+    problem = fit.stages[0].problem
+    off = problem.linearise(fit.z[None]).prediction[0] - problem.points.value
+    law = problem.law_of(fit.theta, g)
     values = {name: float(getattr(law, name)) for name in ("limit_velocity", "sigma", "psi")}
-    part = replace(part, rms_empirical=rms, empirical=values)
-    disagreements = _disagreements(fit, part) if two_step and rms >= NOISELESS else ()
-    return part, raised(part.name, disagreements)
-
-
-def _eq_17_alone(data: RestitutionData) -> ComponentFit | None:
-    """Eq. (17) against all points; None without a limit velocity."""
-    if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
-        return None
-    plain = replace(data.of_restitution(), contact=None)
-    return fitted(Request((plain,)).with_options(law="eq-17", **PLAIN))[0]
+    return float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2))), values
 
 
 def _disagreements(two: ComponentFit, part: MaterialFit) -> Found:

@@ -148,7 +148,7 @@ class Traceable:
             s = block.variances(theta, off)
             factor = block.errors.factor(s, carried.slope, carried.bend, jnp)
             parts.append(block.errors.whiten(factor, off[:, None], jnp)[:, 0])
-        return jnp.concatenate([*parts, self._prior_residuals(theta)])
+        return jnp.concatenate([*parts, self._priors(theta)[0]])
 
     def log_likelihood(self, theta: Theta, measured: Array | None = None) -> Array:
         """ln p(data | θ).
@@ -186,20 +186,13 @@ class Traceable:
     def log_prior(self, theta: Theta) -> Array:
         """ln p(θ) of the priors that were stated and of pools; 0 without, -∞ outside the ranges."""
         self._check_names(theta)
-        total = -0.5 * jnp.sum(self._prior_residuals(theta) ** 2)
-        for element in self.elements:
-            value, (low, high) = jnp.asarray(theta[element.label]), element.range
-            if element.parameter.prior is not None:
-                total -= math.log(element.parameter.prior[1]) + 0.5 * LN_2PI
-            total = jnp.where((value < low) | (value > high), -jnp.inf, total)
-        for pool in self.pools:
-            labels = [self.names[k] for k in pool.members]
-            slopes = self.transform.part([*pool.members]).log_slope(self._z(theta, labels, pool))
-            total -= jnp.sum(slopes + jnp.log(theta[pool.spread_name]) + 0.5 * LN_2PI)
-        for name in (*self.noises, *(pool.spread_name for pool in self.pools)):
-            if name in theta:
-                total = jnp.where(jnp.asarray(theta[name]) > 0, total, -jnp.inf)
-        return total
+        residuals, log_sizes = self._priors(theta)
+        total = -jnp.sum(0.5 * (residuals**2 + LN_2PI) + log_sizes)
+        ranges = {e.label: e.range for e in self.elements}
+        outside = [(theta[n] < low) | (theta[n] > high) for n, (low, high) in ranges.items()]
+        sizes = (*self.noises, *(pool.spread_name for pool in self.pools))
+        outside += [~(jnp.asarray(theta[name]) > 0) for name in sizes if name in theta]
+        return jnp.where(jnp.any(jnp.array(outside, bool)), -jnp.inf, total)
 
     @property
     def transform(self) -> Transform:
@@ -243,23 +236,24 @@ class Traceable:
         every = zip(self.sets, curves, self._split(measured), strict=True)
         return [(block, carried.mean - part, carried) for block, carried, part in every]
 
-    def _z(self, theta: Theta, labels: list[str], pool: Pool) -> Array:
-        """Members of a pool, or its mean, on the scale that is searched."""
-        values = jnp.stack([jnp.asarray(theta[label]) for label in labels])
-        places = (*pool.members, pool.members[0])[: len(labels)]
-        return self.transform.part([*places]).unconstrained(values, jnp)
-
-    def _prior_residuals(self, theta: Theta) -> Array:
-        rows = []
+    def _priors(self, theta: Theta) -> tuple[Array, Array]:
+        """Residuals of the priors and of members of pools, and logarithms of their standard deviations in θ."""
+        residuals, log_sizes = [], []
         for e in self.elements:
             if e.parameter.prior is not None:
                 mean, deviation = e.parameter.prior
-                rows.append((jnp.asarray(theta[e.label]) - mean) / deviation)
-        for pool in self.pools:
-            labels = [*(self.names[k] for k in pool.members), pool.name]
-            z = self._z(theta, labels, pool)
-            rows.extend((z[:-1] - z[-1]) / theta[pool.spread_name])
-        return jnp.stack(rows) if rows else jnp.zeros(0)
+                residuals.append((theta[e.label] - mean) / deviation)
+                log_sizes.append(math.log(deviation))
+        for pool in self.pools:  # normal on the scale that is searched
+            values, spread = [theta[self.names[k]] for k in pool.members], theta[pool.spread_name]
+            of_members, of_mean = (
+                self.transform.part([*k]) for k in (pool.members, pool.members[:1])
+            )
+            z = of_members.unconstrained(jnp.array(values, float), jnp)
+            mean = of_mean.unconstrained(jnp.array([theta[pool.name]], float), jnp)
+            residuals.extend((z - mean) / spread)
+            log_sizes.extend(jnp.log(spread) + of_members.log_slope(z))
+        return jnp.array(residuals, float), jnp.array(log_sizes, float)
 
 
 def problem(

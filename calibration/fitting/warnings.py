@@ -5,7 +5,7 @@ reference's symptoms.
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -92,8 +92,6 @@ class FitWarning:
 
     `advice` is what to do about it; of its code where left out.
     """
-
-    __pydantic_config__: ClassVar = {"extra": "ignore"}  # what files hold besides
 
     code: Literal[tuple(ADVICE)]  # type: ignore[valid-type]
     cause: str

@@ -208,38 +208,29 @@ def _is_wide(profile: Profile) -> bool:
 def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]):
     """Elements with a value outside their interval at a minimum nearly as good, and how much higher χ² is there."""
     problem, rises = stage.problem, {}
+    # closely near the ends: the rise around a shallow minimum is there
+    shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)) ** 2
 
     def is_outside(k: int, value: float) -> bool:
         low, high = estimates[k].low, estimates[k].high
         return not (low is None or low <= value) or not (high is None or value <= high)
 
-    def cost(*places: np.ndarray) -> np.ndarray:
-        """Cost of the points, each on its branch there, and of the priors."""
-        z = np.array(places)
-        return problem.linearise(z, Lanes(elastic=problem.elastic_at(z)), slopes=False).cost
-
     for other in stage.others:
         # at an end of a range is none: a valley without an end has no second minimum
         if not other.converged[0] or np.any(stage.limits) or np.any(other.limits):
             continue
-        way = other.z[0] - stage.z
-        theta = problem.transform.physical(other.z[0])
-        moved = [
-            int(k)
-            for k in problem.active
-            if abs(way[k]) > MOVED and fit.uncertainty.known[k] and is_outside(k, theta[k])
-        ]
+        way, theta = other.z[0] - stage.z, problem.transform.physical(other.z[0])
+        differs = fit.uncertainty.known & (np.abs(way) > MOVED)
+        moved = [int(k) for k in problem.active if differs[k] and is_outside(k, theta[k])]
         if not moved:
             continue
+        # of the points, each on its branch there, and of the priors
+        z = stage.z + shares[:, None] * way
+        cost = problem.linearise(z, Lanes(elastic=problem.elastic_at(z)), slopes=False).cost
         spread = weighted_deviation(fit, problem, LEAST_NOISE)
-        ends = cost(stage.z, other.z[0])
-        rise = float(2 * (ends[1] - ends[0]) / np.mean(spread**2))
-        if rise < SEVERAL_DELTA:
-            # closely near the ends: the rise around a shallow minimum is there
-            shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)[1:-1]) ** 2
-            between = cost(*(stage.z + share * way for share in shares))
-            if np.any(between > np.max(ends) * (1 + LEFT_UNDONE)):
-                rises |= {k: rise for k in moved if k not in rises}
+        rise, highest = 2 * (cost[-1] - cost[0]) / np.mean(spread**2), max(cost[0], cost[-1])
+        if rise < SEVERAL_DELTA and np.any(cost > highest * (1 + LEFT_UNDONE)):
+            rises |= {k: float(rise) for k in moved if k not in rises}
     return rises
 
 

@@ -59,8 +59,8 @@ LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of what is 
 FARTHEST = 4.0  # standard deviations of the prior that the search for the largest density starts from its centre
 STEP = 1e-4  # of the prior's standard deviation, of differences of the gradient
 FLAT = 0.05  # curvature in units of the prior's below which a direction counts as level
-ROUNDS = 40  # of Newton's method
-ARRIVED = 1e-6  # of ln p, that another step is expected to gain
+ROUNDS = 40  # of Newton's method in a region of trust
+ARRIVED = 1e-3  # slope of -ln p in units of the prior's
 REACH, KNOTS = 5.0, 16  # how far the profile is followed to each side, in u, and by how many points
 STRIDE = 0.5  # in u, between two of them
 ALIKE = 0.7  # of the largest bend, from which on two unknowns lie along one ridge
@@ -305,36 +305,29 @@ def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
 
 
 def _lowest(slope: Slope, q: Vector, places: Any, scale: Vector):
-    """Minimum of -ln p along some unknowns by Newton's method, and the precision there.
+    """Minimum of -ln p along some unknowns, and the precision there.
 
     Second derivatives are differences of the gradient.
     """
+    from scipy.optimize import minimize
+
     unit = scale[places]
-    for _ in range(ROUNDS):
-        value, gradient = slope(q)
-        rows = []
-        for place in places:
-            step = np.zeros(len(q))
-            step[place] = STEP * scale[place]
-            rows.append((slope(q + step)[1] - slope(q - step)[1])[places] / (2 * STEP) * unit)
-        curvature = np.nan_to_num(0.5 * (np.array(rows) + np.transpose(rows)))
-        sizes, vectors = np.linalg.eigh(curvature)
-        sizes = np.maximum(np.abs(sizes), FLAT)
-        precision = (vectors * sizes) @ vectors.T / np.outer(unit, unit)
-        step = -(vectors / sizes) @ (vectors.T @ (gradient[places] * unit))
-        step = unit * step / max(1.0, float(np.max(np.abs(step), initial=0.0)))
-        gain = -float(gradient[places] @ step)
-        for part in 0.5 ** np.arange(12):
-            moved = q.copy()
-            moved[places] += part * step
-            if slope(moved)[0] <= value - 1e-4 * part * gain:
-                break
-        else:
-            return q, precision
-        q = moved
-        if gain < ARRIVED:
-            break
-    return q, precision
+    some = _of_some(slope, q, places, unit)
+    steps = STEP * np.eye(len(unit))
+
+    def curvature(x: Vector) -> Float[np.ndarray, "k k"]:
+        rows = np.array([some(x + step)[1] - some(x - step)[1] for step in steps])
+        return np.nan_to_num((rows + rows.T).reshape(len(x), len(x)) / (4 * STEP))
+
+    end = np.zeros(len(unit))
+    if len(unit):
+        options = {"gtol": ARRIVED, "maxiter": ROUNDS}
+        end = minimize(some, end, jac=True, hess=curvature, method="trust-exact", options=options).x
+    sizes, vectors = np.linalg.eigh(curvature(end))
+    precision = (vectors * np.maximum(np.abs(sizes), FLAT)) @ vectors.T / np.outer(unit, unit)
+    lowest = q.copy()
+    lowest[places] += unit * end
+    return lowest, precision
 
 
 def _of_some(slope: Slope, q: Vector, places: Any, unit: Vector | None = None) -> Slope:
@@ -344,7 +337,8 @@ def _of_some(slope: Slope, q: Vector, places: Any, unit: Vector | None = None) -
         moved = q.copy()
         moved[places] = x if unit is None else q[places] + unit * x
         value, gradient = slope(moved)
-        return value, gradient[places] * (1.0 if unit is None else unit)
+        gradient = gradient[places] * (1.0 if unit is None else unit)
+        return (value, gradient) if np.isfinite(value) else (np.inf, 0 * gradient)
 
     return some
 
