@@ -17,7 +17,7 @@ import shlex
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,6 @@ from calibration.errors import DataError, InputError, NotWritten, did_you_mean, 
 DONE, UNUSABLE, NOT_WRITTEN, INTERNAL, INTERRUPTED = 0, 2, 3, 70, 130
 # of a stream that is closed, or full
 STREAM = {errno.EBADF, errno.EIO, errno.EFBIG, errno.ENOSPC, errno.EDQUOT}
-COMMON = {"out": Path("results"), "quiet": False, "cache": True}
 CACHE_SIZE = 256 * 1024**2  # bytes; beyond, JAX removes what was used longest ago
 CODES = """exit codes:
   0  done
@@ -71,19 +70,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     output.written.clear()
     try:
         with console.signals_handled():
-            return _run(sys.argv[1:] if argv is None else argv)
-    except (InputError, DataError) as error:
-        return _ended(str(error), UNUSABLE)
-    except KeyboardInterrupt as stop:
-        places = sorted(str(place) for place in output.written)
-        done = f" after its results were written to {listed(places)}"
-        line = f"softjax: interrupted{done if places else ', nothing written'}"
-        return _ended(line, getattr(stop, "code", INTERRUPTED))
+            return _run(sys.argv[1:] if argv is None else list(argv))
     except BrokenPipeError:  # `softjax fit | head`
         console.silence(sys.stdout)
         return DONE
-    except Exception as error:
-        return _failed(error)
+    except (Exception, KeyboardInterrupt) as error:
+        text, code = _outcome(error)
+        with suppress(OSError):
+            for line in text.splitlines():  # each fault of a file
+                print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
+        return code
+
+
+def _outcome(error: BaseException) -> tuple[str, int]:
+    """What is said of an error, with its trace if it is not a refusal, and the exit code."""
+    softjax = sys.modules.get("softjax")  # not imported for this
+    refusals = (InputError, DataError, *([softjax.ArgumentError] if softjax else []))
+    if isinstance(error, refusals):
+        return str(error), UNUSABLE
+    if isinstance(error, KeyboardInterrupt):
+        done = f" after its results were written to {listed(sorted(map(str, output.written)))}"
+        words = done if output.written else ", nothing written"
+        return f"softjax: interrupted{words}", getattr(error, "code", INTERRUPTED)
+    of_stream = isinstance(error, OSError) and error.filename is None and error.errno in STREAM
+    if of_stream or isinstance(error, NotWritten):
+        console.silence(sys.stdout)
+        words = f"standard output could not be written to ({getattr(error, 'strerror', '')})"
+        return f"softjax: {error if isinstance(error, NotWritten) else words}", NOT_WRITTEN
+    with suppress(OSError):
+        traceback.print_exception(error)
+    return "softjax: an error of softjax itself, please report it with the lines above", INTERNAL
 
 
 def _run(argv: Sequence[str]) -> int:
@@ -91,16 +107,13 @@ def _run(argv: Sequence[str]) -> int:
         name, command, arguments = _parsed(argv)
         if not arguments.quiet and console.is_terminal():  # what follows may take seconds
             print(f"softjax {name}: loading ...", file=sys.stderr, flush=True)
-        gc.set_threshold(
-            100_000, 20, 20
-        )  # modules and programs stay: looking through them takes a tenth
+        # modules and programs stay: looking through them takes a tenth
+        gc.set_threshold(100_000, 20, 20)
         logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
         if arguments.cache:
             keep_compilations()
         code = command.run(arguments)
-        for place, (new, older) in output.written.items():
-            if arguments.quiet:
-                break
+        for place, (new, older) in () if arguments.quiet else output.written.items():
             if not getattr(arguments, "json", False):
                 print(f"Written to {place}: {listed(new)}")
             if older:
@@ -112,76 +125,46 @@ def _run(argv: Sequence[str]) -> int:
             sys.stdout.flush()
 
 
-def _failed(error: Exception) -> int:
-    """Report an error in one line, or with its trace if it is not a refusal; return the exit code."""
-    softjax = sys.modules.get("softjax")
-    if softjax is not None and isinstance(error, softjax.ArgumentError):
-        return _ended(str(error), UNUSABLE)
-    line = f"softjax: {error}"
-    of_stream = isinstance(error, OSError) and error.filename is None and error.errno in STREAM
-    if of_stream and not isinstance(error, NotWritten):
-        line = f"softjax: standard output could not be written to ({error.strerror})"  # type: ignore[attr-defined]
-    elif not isinstance(error, NotWritten):
-        with suppress(OSError):
-            traceback.print_exception(error)
-        line = "softjax: an error of softjax itself, please report it with the lines above"
-        return _ended(line, INTERNAL)
-    console.silence(sys.stdout)
-    return _ended(line, NOT_WRITTEN)
+def _parsed(argv: Sequence[str]) -> tuple[str, Any, argparse.Namespace]:
+    """The command's name, its module, and its options, also those that stand before its name."""
+    places = [k for k, word in enumerate(argv) if word in COMMANDS and argv[k - 1 : k] != ["--out"]]
+    if not places:
+        width = max(map(len, COMMANDS)) + 2
+        lines = ["commands:", *(f"  {name:<{width}}{what}" for name, what in COMMANDS.items())]
+        lines += ["", CODES, "", "softjax COMMAND --help lists the options."]
+        what = "Soft-sphere collisions after Zhou (2013), calibrated from rebounds."
+        top = _parser("softjax", what, "\n".join(lines), usage="softjax COMMAND [options]")
+        top.add_argument("command", metavar="COMMAND", choices=COMMANDS, help=argparse.SUPPRESS)
+        top.add_argument("--version", action=Version, nargs=0, help="print the version")
+        top.parse_args(argv)  # prints help or the version, or refuses
+    name = argv[places[0]]
+    command = importlib.import_module(f"calibration.commands.{name}")
+    parser = _parser(f"softjax {name}", command.__doc__, CODES, command.add_arguments)
+    arguments = parser.parse_args([*argv[: places[0]], *argv[places[0] + 1 :]])
+    arguments.as_typed = printable(shlex.join(["softjax", *argv]))
+    return name, command, arguments
 
 
-def _ended(line: str, code: int) -> int:
-    """The exit code, after one line on standard error, where there is one."""
-    with suppress(OSError):
-        for fault in line.splitlines():  # each fault of a file
-            print(printable(" ".join(fault.split())), file=sys.stderr, flush=True)
-    return code
-
-
-def _parsed(argv: Sequence[str]):
-    """The command's name, its module, and its options, global ones included."""
-    width = max(map(len, COMMANDS)) + 2
-    lines = ["commands:", *(f"  {name:<{width}}{what}" for name, what in COMMANDS.items())]
-    lines += ["", CODES, "", "softjax COMMAND --help lists the options."]
-    what = "Soft-sphere collisions after Zhou (2013), calibrated from rebounds."
-    top = _parser("softjax", what, "\n".join(lines), usage="softjax COMMAND [options]")
-    top.add_argument("command", metavar="COMMAND", help=argparse.SUPPRESS)
-    top.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
-    top.add_argument("--version", action=Version, nargs=0, help="print the version")
-    _add_common_options(top)
-    before = top.parse_args(argv)
-    if before.command not in COMMANDS:
-        near = did_you_mean(before.command, COMMANDS)
-        top.error(f"unknown command {before.command!r}{near}: {listed(COMMANDS)}")
-    command = importlib.import_module(f"calibration.commands.{before.command}")
-    parser = _parser(f"softjax {before.command}", command.__doc__, CODES)
-    command.add_arguments(parser)
-    _add_common_options(parser)
-    parsed = vars(parser.parse_args(before.rest))
-    common = {key: value for key, value in vars(before).items() if key in COMMON}
-    as_typed = printable(shlex.join(["softjax", *argv]))
-    return (
-        before.command,
-        command,
-        argparse.Namespace(**(COMMON | common | parsed), as_typed=as_typed),
-    )
-
-
-def _parser(name: str, description: str | None, epilog: str, usage: str | None = None) -> Parser:
+def _parser(
+    name: str,
+    what: str | None,
+    epilog: str,
+    add: Callable[[Parser], None] | None = None,
+    usage: str | None = None,
+) -> Parser:
+    """A parser with the options of a command, and those of all: `--out`, `--quiet` and `--no-cache`."""
     keywords: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter}
-    keywords |= {"allow_abbrev": False, "usage": usage}
-    return Parser(prog=name, description=description, epilog=epilog, **keywords)
-
-
-def _add_common_options(parser: argparse.ArgumentParser) -> None:
-    """`--out`, `--quiet` and `--no-cache`, before or after the command."""
-    group = parser.add_argument_group("common options", argument_default=argparse.SUPPRESS)
+    parser = Parser(name, usage, what, epilog, allow_abbrev=False, **keywords)
+    if add is not None:
+        add(parser)
+    group = parser.add_argument_group("common options")
     text = "where results are written (default: results)"
-    group.add_argument("--out", type=Path, metavar="DIR", help=text)
+    group.add_argument("--out", type=Path, default=Path("results"), metavar="DIR", help=text)
     text = "no progress bar, no table: errors only"
     group.add_argument("--quiet", action="store_true", help=text)
     text = "compile everything again, and keep no compiled program for the next command"
     group.add_argument("--no-cache", dest="cache", action="store_false", help=text)
+    return parser
 
 
 def keep_compilations() -> None:

@@ -187,6 +187,7 @@ CURVE = ["nylon", "--points", "3", "--format", "csv"]
         ["--out", "there", "--quiet", "curve", *CURVE],
         ["curve", *CURVE, "--out", "there", "--quiet"],
         ["--quiet", "curve", "--out=there", *CURVE],
+        ["--out", "fit", "curve", "--quiet", *CURVE, "--out", "there"],
         ["--out", "elsewhere", "curve", "--quiet", "--out", "there", *CURVE],
     ],
 )
