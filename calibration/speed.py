@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -29,17 +29,17 @@ LEAST = 1e-30  # smallest overlap under a root
 ENDS = 20.0  # longer than any contact, in reduced units
 SCIPY, DIFFRAX = "SciPy loop", "diffrax, events"
 FAMILIES = ("energy balance", "ODE", DIFFRAX, SCIPY)
+COLUMNS = {  # of a row: its column of the table
+    "family": ("method", "{}"),
+    "setting": ("setting", "{}"),
+    "batch": ("batch", "{:,}"),
+    "microseconds": ("µs", "{:.3g}"),
+    "largest_error": ("error", "{:.0e}"),
+    "compile_seconds": ("compile s", "{:.1f}"),
+    "gradient_microseconds": ("µs+grad", "{:.3g}"),
+    "gradient_error": ("grad error", "{:.0e}"),
+}
 Row = dict[str, Any]
-
-
-class Phase(NamedTuple):
-    """A phase of a motion x'' = -force(x, x_m, d, X, larger), x_m the largest overlap.
-
-    It ends where `end(x, u, x_m, d, X, larger)` falls through 0, u the velocity; `larger` is of two numbers.
-    """
-
-    force: Callable
-    end: Callable
 
 
 @dataclass(frozen=True)
@@ -92,23 +92,6 @@ def stainless_steel() -> Scene:
     return Scene(stored["inputs"], velocity, exact, np.array(slopes))
 
 
-def _loading(x, peak, d, steepness, larger):  # Eq. (8) in units of first yield
-    q = larger(x, 1.0)
-    return 1.25 * (x * larger(x, LEAST) ** 0.5 + d * (q * q - 1) * (1 - q**0.5))
-
-
-def _unloading(x, peak, d, steepness, larger):  # Eq. (12)
-    hertz = (1 - d * peak) * x + d
-    line = 1 - steepness * (1 - x / peak)
-    return 1.25 * (hertz * larger(x, LEAST) ** 0.5 + d * (peak * peak - 1) * line)
-
-
-PHASES = (
-    Phase(_loading, lambda x, u, *_: u),
-    Phase(_unloading, lambda x, u, *others: _unloading(x, *others)),
-)
-
-
 def methods(scene: Scene, quick: bool) -> Iterator[Callable[[], Method]]:
     """Functions that build the methods to measure, the largest batches last.
 
@@ -132,10 +115,9 @@ def by_route(
     """A route as a user calls it without `jit`: all fields of the result, not only ε_p."""
     law, family, setting = scene.law_of(*scene.theta), route.name, EXACT[not overlaps]
     if isinstance(route, sj.ODE):
-        steps = f"rtol {route.tolerance:.0e}"
-        if route.steps:
-            steps = f"{route.steps} steps" if route.steps > 1 else "1 step"
-        family, setting = "ODE", f"{route.solver}, {steps}"
+        steps = f"{route.steps} step{'s' * (route.steps > 1)}" if route.steps else ""
+        family = "ODE"
+        setting = f"{route.solver}, {steps or f'rtol {route.tolerance:.0e}'}"
 
     def coefficient(theta, velocity):
         return sj.restitution(scene.law_of(*theta), velocity, route).plastic_coefficient
@@ -147,77 +129,87 @@ def by_route(
     return Method(family, setting, batch, value, slopes)
 
 
+def _phases(d, steepness, larger: Callable) -> Any:
+    """Loading, which ends with its velocity, and unloading, which ends with its force; in reduced units.
+
+    Of either the derivative of the state y (overlap, velocity), and what falls through 0 at its end, both
+    as functions of time, state and the largest overlap, `args`; `larger` is of two numbers.
+    """
+
+    def loading(x, peak):  # Eq. (8) in units of first yield
+        q = larger(x, 1.0)
+        return 1.25 * (x * larger(x, LEAST) ** 0.5 + d * (q * q - 1) * (1 - q**0.5))
+
+    def unloading(x, peak):  # Eq. (12)
+        hertz = (1 - d * peak) * x + d
+        line = 1 - steepness * (1 - x / peak)
+        return 1.25 * (hertz * larger(x, LEAST) ** 0.5 + d * (peak * peak - 1) * line)
+
+    def phase(force, end):
+        def field(t, y, args):
+            return y[1], -force(y[0], args)
+
+        def ended(t, y, args, **_):
+            return end(y[1], force(y[0], args))
+
+        ended.terminal, ended.direction = True, -1  # type: ignore[attr-defined]  # for SciPy
+        return field, ended
+
+    return phase(loading, lambda u, p: u), phase(unloading, lambda u, p: p)
+
+
 def scipy_loop(scene: Scene, rtol: float) -> Method:
     """`solve_ivp` by DOP853 in a Python loop, with events."""
+    from scipy.integrate import solve_ivp
+
+    def rebound(y: float, phases: Any) -> float:
+        state = (0.0, y)
+        how: Any = {"method": "DOP853", "rtol": rtol, "atol": rtol * np.array([y**0.8, y])}
+        for field, ended in phases:
+            found = solve_ivp(field, (0.0, ENDS), state, events=ended, args=(state[0],), **how)
+            state = found.y_events[0][0]
+        return -state[1] / y
 
     def value(velocity):
         y, d, steepness = map(np.asarray, scene.reduced(scene.theta, velocity))
-        return np.array([_by_scipy(each, float(d), float(steepness), rtol) for each in y.tolist()])
+        phases = _phases(float(d), float(steepness), max)
+        return np.array([rebound(each, phases) for each in y.tolist()])
 
     return Method(SCIPY, f"DOP853, rtol {rtol:.0e}", FEW, value)
 
 
-def _by_scipy(y: float, d: float, steepness: float, rtol: float) -> float:
-    from scipy.integrate import solve_ivp
-
-    state, peak = (0.0, y), 0.0
-    tolerance = {"rtol": rtol, "atol": rtol * np.array([y**0.8, y])}
-    for phase in PHASES:
-
-        def field(t, state, phase=phase, peak=peak):
-            return state[1], -phase.force(state[0], peak, d, steepness, max)
-
-        def ended(t, state, phase=phase, peak=peak):
-            return phase.end(*state, peak, d, steepness, max)
-
-        ended.terminal, ended.direction = True, -1  # type: ignore[attr-defined]
-        solution = solve_ivp(field, (0.0, ENDS), state, "DOP853", events=ended, **tolerance)
-        state = solution.y_events[0][0]
-        peak = state[0]
-    return -state[1] / y
-
-
 def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Method:
     """The plain method with diffrax: integrate over time, end each phase by an `Event` and a root find."""
+    import diffrax as dfx
+    import optimistix as optx
+
+    def rebound(y, phases):
+        state = (jnp.zeros_like(y), y)
+        for field, ended in phases:
+            solution = dfx.diffeqsolve(
+                dfx.ODETerm(field),
+                dfx.Tsit5(),
+                t0=0.0,
+                t1=ENDS,
+                dt0=None,
+                y0=state,
+                args=state[0],
+                stepsize_controller=dfx.PIDController(rtol=rtol, atol=rtol),
+                event=dfx.Event(ended, optx.Newton(1e-10, 1e-10, optx.rms_norm), direction=False),
+                max_steps=4096,
+                throw=False,
+            )
+            state = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
+        return -state[1] / y
 
     def coefficient(theta, velocity):
         y, d, steepness = scene.reduced(theta, velocity)
-        return jax.vmap(lambda y: _by_diffrax(y, d, steepness, rtol))(y)
+        return jax.vmap(lambda y: rebound(y, _phases(d, steepness, jnp.maximum)))(y)
 
     jitted = jax.jit(coefficient)
     slopes = _with_gradient(scene, coefficient) if gradient else None
     setting = f"tsit5, rtol {rtol:.0e}"
     return Method(DIFFRAX, setting, BATCH, lambda v: jitted(scene.theta, v), slopes)
-
-
-def _by_diffrax(y0, d, steepness, rtol: float):
-    import diffrax as dfx
-    import optimistix as optx
-
-    state, peak = (jnp.zeros_like(y0), y0), jnp.ones_like(y0)
-    for phase in PHASES:
-
-        def field(t, y, args, phase=phase, peak=peak):
-            return y[1], -phase.force(y[0], peak, d, steepness, jnp.maximum)
-
-        def ended(t, y, args, phase=phase, peak=peak, **kwargs):
-            return phase.end(*y, peak, d, steepness, jnp.maximum)
-
-        solution = dfx.diffeqsolve(
-            dfx.ODETerm(field),
-            dfx.Tsit5(),
-            t0=0.0,
-            t1=ENDS,
-            dt0=None,
-            y0=state,
-            stepsize_controller=dfx.PIDController(rtol=rtol, atol=rtol),
-            event=dfx.Event(ended, optx.Newton(1e-10, 1e-10, optx.rms_norm), direction=False),
-            max_steps=4096,
-            throw=False,
-        )
-        state = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
-        peak = state[0]
-    return -state[1] / y0
 
 
 def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
@@ -227,7 +219,7 @@ def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:
     def value_and_gradient(theta, velocity):
         total = lambda theta: jnp.sum(coefficient(theta, velocity))  # noqa: E731
         value, slopes = jax.value_and_grad(total)(theta)
-        return value, jnp.stack([t * s for t, s in zip(theta, slopes, strict=True)])
+        return value, jnp.stack(theta) * jnp.stack(slopes)
 
     return lambda velocity: value_and_gradient(scene.theta, velocity)
 
@@ -238,35 +230,29 @@ def measure(method: Method, scene: Scene) -> Row:
     Microseconds are the median after a warm-up; `compile_seconds` the first call less a later one;
     `gradient_error` is of θ ∂ε_p/∂θ in the mean of the batch.
     """
-    velocity = np.resize(scene.velocity, method.batch)
-    value, first = _timed(method.value, velocity)
-    seconds = _median_seconds(method.value, velocity)
+    velocity, exact = (np.resize(x, method.batch) for x in (scene.velocity, scene.exact))
+    value, first, seconds = _timed(method.value, velocity)
     row: Row = {name: getattr(method, name) for name in ("family", "setting", "batch")}
     row["microseconds"] = 1e6 * seconds / method.batch
-    error = np.max(np.abs(np.asarray(value) - np.resize(scene.exact, method.batch)))
-    row |= {"largest_error": float(error), "compile_seconds": max(first - seconds, 0.0)}
+    row["largest_error"] = float(np.max(np.abs(np.asarray(value) - exact)))
+    row |= {"compile_seconds": max(first - seconds, 0.0)}
     row |= {"gradient_microseconds": None, "gradient_error": None}
     if method.gradient is not None:
-        (_, slopes), _ = _timed(method.gradient, velocity)
-        times_used = np.bincount(np.arange(method.batch) % scene.velocity.size)
-        off = np.abs(np.asarray(slopes) - scene.slopes[:, : times_used.size] @ times_used)
-        seconds = _median_seconds(method.gradient, velocity)
+        (_, slopes), _, seconds = _timed(method.gradient, velocity)
+        expected = [np.mean(np.resize(slope, method.batch)) for slope in scene.slopes]
         row["gradient_microseconds"] = 1e6 * seconds / method.batch
-        row["gradient_error"] = float(np.max(off)) / method.batch  # of sums over the batch
+        row["gradient_error"] = float(np.max(np.abs(np.asarray(slopes) / method.batch - expected)))
     return row
 
 
-def _timed(function: Callable, velocity: np.ndarray) -> tuple[Any, float]:
-    start = time.perf_counter()
-    result = jax.block_until_ready(function(velocity))
-    return result, time.perf_counter() - start
-
-
-def _median_seconds(function: Callable, velocity: np.ndarray) -> float:
+def _timed(function: Callable, velocity: np.ndarray) -> tuple[Any, float, float]:
+    """What a function returns, the seconds of its first call, and the median of later ones."""
     seconds: list[float] = []
-    while sum(seconds) < (LONGEST if len(seconds) < REPEATS else SHORTEST):
-        seconds.append(_timed(function, velocity)[1])
-    return statistics.median(seconds)
+    while sum(seconds[1:]) < (LONGEST if len(seconds) <= REPEATS else SHORTEST):
+        start = time.perf_counter()
+        result = jax.block_until_ready(function(velocity))
+        seconds.append(time.perf_counter() - start)
+    return result, seconds[0], statistics.median(seconds[1:])
 
 
 def as_text(rows: list[Row]) -> str:
@@ -276,18 +262,7 @@ def as_text(rows: list[Row]) -> str:
     from calibration.report.layout import table_text
 
     cells = [
-        {
-            "method": row["family"],
-            "setting": row["setting"],
-            "batch": f"{row['batch']:,}",
-            "µs": f"{row['microseconds']:.3g}",
-            "error": f"{row['largest_error']:.0e}",
-            "compile s": f"{row['compile_seconds']:.1f}",
-            "µs+grad": ""
-            if row["gradient_error"] is None
-            else f"{row['gradient_microseconds']:.3g}",
-            "grad error": "" if row["gradient_error"] is None else f"{row['gradient_error']:.0e}",
-        }
+        {head: "" if row[n] is None else form.format(row[n]) for n, (head, form) in COLUMNS.items()}
         for row in sorted(rows, key=lambda row: FAMILIES.index(row["family"]))
     ]
     head = f"{os.cpu_count()} cores; time per collision, largest error of ε_p against exact values"
@@ -306,16 +281,14 @@ def draw(rows: list[Row], ax: Any = None) -> Any:
     colours = (style.GREEN, style.BLUE, style.SKY, style.VERMILION)
     for family, colour, marker in zip(FAMILIES, colours, "*os^", strict=True):
         some = [row for row in rows if row["family"] == family]
+        points = [(max(row["largest_error"], 1e-17), row["microseconds"]) for row in some]
         if some:
-            errors = [max(row["largest_error"], 1e-17) for row in some]
-            times = [row["microseconds"] for row in some]
-            ax.plot(errors, times, marker, color=colour, markersize=8, label=family)
-            for row, error, microseconds in zip(some, errors, times, strict=True):
-                omitted = row["setting"].removeprefix(EXACT[0]) if row["setting"] in EXACT else ""
-                note = f"{row['batch']:,} impacts{omitted}" if row["batch"] > BATCH else ""
-                offset = (8, -9 if "," in omitted else 0)  # times with and without may be close
-                keywords = {"textcoords": "offset points", "fontsize": "small"}
-                ax.annotate(note, (error, microseconds), offset, **keywords)
+            ax.plot(*np.transpose(points), marker, color=colour, markersize=8, label=family)
+        for row, point in zip(some, points, strict=True):
+            omitted = row["setting"].removeprefix(EXACT[0]) if row["setting"] in EXACT else ""
+            note = f"{row['batch']:,} impacts{omitted}" if row["batch"] > BATCH else ""
+            offset = (8, -9 if omitted else 0)  # times with and without may be close
+            ax.annotate(note, point, offset, textcoords="offset points", fontsize="small")
     ax.set(xscale="log", yscale="log", title=f"Speed against error\n{TITLE}")
     ax.set_xlabel(r"largest error of $\varepsilon_p$ [-]")
     ax.set_ylabel("time per collision [µs]")
