@@ -25,15 +25,14 @@ import numpy as np
 
 from calibration.data.checks import Column, as_number, require
 from calibration.data.units import quantity, unit_of
-from calibration.errors import DataError, is_finite_number
+from calibration.errors import DataError
 
 DENSITY = 1.2  # kg/m³, dry air of 20 °C and 1013 hPa
 VISCOSITY = 1.81e-5  # Pa s, at 20 °C; nearly independent of the pressure
 FASTEST = 2e5  # Reynolds number up to which C_d was correlated
 UNCERTAIN = 0.1  # standard uncertainty of C_d as a part of it, of one ball and day
-ROUNDS = 12  # for C_d and speed to settle at most, each a factor of 4 or more closer
+ROUNDS = 20  # for C_d and speed to settle at most, each a factor of 4 or more closer
 SETTLED = 2e-15  # of a speed: less is rounding
-NEWTON = 8
 STEP = 1e-4  # of differences, in parts
 ACCEPTED = 'true, false, or a density of air such as "1.2 kg/m³", of 1e-4 to 20 kg/m³'
 NODES, SHARES = np.polynomial.legendre.leggauss(5)
@@ -70,20 +69,17 @@ class Fall:
     mass: float | None = None
     has_rebounds: bool = False
 
-    def height(self, velocity: Column) -> Column:
+    def height(self, velocity: Column, which: str = "height") -> Column:
         """Drop heights, in `unit`, of impacts at `velocity` [m/s]."""
-        return self._height(velocity, "height")
-
-    def rebound_height(self, velocity: Column) -> Column:
-        """Heights, in `unit`, of rebounds that start at `velocity` [m/s]."""
-        return self._height(velocity, "rebound_height")
-
-    def _height(self, velocity: Column, name: str) -> Column:
         height = velocity * (velocity / (2 * self.gravity))
         if self.density is not None:
             air = Air(self.diameter, self.mass, self.gravity, self.density)
-            height = getattr(air, name)(velocity)
+            height = getattr(air, which)(velocity)
         return height / float(unit_of(self.unit, "m"))
+
+    def rebound_height(self, velocity: Column) -> Column:
+        """Heights, in `unit`, of rebounds that start at `velocity` [m/s]."""
+        return self.height(velocity, "rebound_height")
 
 
 @dataclass(frozen=True)
@@ -153,10 +149,8 @@ class Air:
 
     def remarks(self, velocity: Column, restitution: Column, before: Any) -> tuple[str, ...]:
         """Sentences about the largest correction of v and ε; `before`: the values without air."""
-        by_v, by_eps = velocity - before[0], restitution - before[1]
-        of_restitution, of_velocity = (
-            float(by[np.nanargmax(np.abs(by))]) for by in (by_eps, by_v / before[0])
-        )
+        both = restitution - before[1], velocity / before[0] - 1
+        of_restitution, of_velocity = (float(by[np.nanargmax(np.abs(by))]) for by in both)
         remarks = [
             f"corrected for air of {self.density:g} kg/m³ (drag, buoyancy, added mass): "
             f"ε by {of_restitution:+.2g} and v by {100 * of_velocity:+.2g} % at most"
@@ -191,48 +185,36 @@ class Air:
         x = np.asarray(x, float)
         speed = 0.5 * self._pull * x if formula is _take_off else np.sqrt(2 * self._pull * x)
         for _ in range(ROUNDS):
-            before, speed = speed, formula(x, self._pull, self._terminal(speed))
+            before, speed = speed, formula(x, self._pull, self._terminal(speed), speed)
             if np.all(np.abs(speed - before) <= SETTLED * speed):
                 break
         return speed
 
 
-def _fall(height: Column, pull: Any, terminal: Column) -> Column:
+def _fall(height: Column, pull: Any, terminal: Column, _: Column) -> Column:
     return terminal * np.sqrt(-np.expm1(-2 * pull * height / terminal**2))
 
 
-def _rise(height: Column, pull: Any, terminal: Column) -> Column:
+def _rise(height: Column, pull: Any, terminal: Column, _: Column) -> Column:
     return terminal * np.sqrt(np.expm1(2 * pull * height / terminal**2))
 
 
-def _take_off(time: Column, pull: Any, terminal: Column) -> Column:
-    """Solve by Newton's method from below: the time is a concave function of the speed."""
-    speed = 0.5 * pull * time
-    for _ in range(NEWTON):
-        x = speed / terminal
-        took = terminal * (np.arctan(x) + np.arcsinh(x))
-        step = (pull * time - took) / (1 / (1 + x**2) + 1 / np.sqrt(1 + x**2))
-        speed = speed + step
-        if np.all(np.abs(step) <= SETTLED * speed):
-            break
-    return speed
+def _take_off(time: Column, pull: Any, terminal: Column, speed: Column) -> Column:
+    """Go one of Newton's steps: the time is a concave function of the speed, which starts from below."""
+    x = speed / terminal
+    took = terminal * (np.arctan(x) + np.arcsinh(x))
+    return speed + (pull * time - took) / (1 / (1 + x**2) + 1 / np.sqrt(1 + x**2))
 
 
 def checked_air(air: Any) -> float | None:
     """The density of the air [kg/m³] that `air` states; None for False; raises DataError."""
-    if air is None or air is True:
-        return DENSITY
-    if air is False:
-        return None
-    value = air
-    if isinstance(air, str):
-        try:
-            value = quantity(air, "kg/m^3")
-        except DataError:
-            raise DataError("air", f'"{air}"', ACCEPTED) from None
-    if not is_finite_number(value):
-        raise DataError("air", air, ACCEPTED)
-    return as_number("air", value, lambda rho: 1e-4 <= rho <= 20, ACCEPTED)
+    if air is None or isinstance(air, bool):
+        return None if air is False else DENSITY
+    try:
+        value = quantity(air, "kg/m^3") if isinstance(air, str) else air
+        return as_number("air", value, lambda rho: 1e-4 <= rho <= 20, ACCEPTED)
+    except DataError:
+        raise DataError("air", f'"{air}"' if isinstance(air, str) else air, ACCEPTED) from None
 
 
 def ball_of(diameter: Any, mass: Any, density: Any) -> tuple[Any, Any] | None:

@@ -20,10 +20,10 @@ empty where not measured; `diameter`, `radius` or `mass` of the sphere where it 
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from calibration.data.units import PERCENT, is_unit, unit_of
 from calibration.errors import DataError, listed
@@ -217,23 +217,24 @@ def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
 
 def layout_of(headers: Sequence[str]) -> Layout:
     """Layout of a table from its headings; raises DataError."""
-    read = [read_header(text) for text in headers]
-    names = _resolved(read)
+    read = _resolved([read_header(text) for text in headers])
+    names = {header.name for header in read if header.name is not None}
     kind = _kind_of(names, read)
-    used = _used(kind, names)
-    for name in sorted(used):
-        twice = [header.text for header, other in zip(read, names, strict=True) if other == name]
-        if len(twice) > 1:
-            both = " and ".join(map(repr, twice[:2]))
-            raise DataError("column", f"{name} twice, {both}", "there once")
-    position = {name: place for place, name in enumerate(names) if name in used}
-    written = {name: read[place].unit for name, place in position.items()}
+    position: dict[str, int] = {}
+    for at, header in enumerate(read):
+        if header.name is None or not _is_used(header.name, kind, names):
+            continue
+        if header.name in position:
+            both = f"{read[position[header.name]].text!r} and {header.text!r}"
+            raise DataError("column", f"{header.name} twice, {both}", "there once")
+        position[header.name] = at
+    written = {name: read[at].unit for name, at in position.items()}
     percent = {name for name, unit in written.items() if unit == "%" and "uncertainty" in name}
     points = percent & ({"uncertainty"} if written.get("restitution") == "%" else set())
     relative = frozenset(percent - points)
     sizes = {n: PERCENT if n in relative else _size(n, unit) for n, unit in written.items()}
     remarks = [
-        *_remarks(read, names, used),
+        *_remarks(read, position),
         *(f"{name} in % is relative to its quantity" for name in sorted(relative)),
         *(f"{name} in % is in percentage points of ε" for name in points),
     ]
@@ -243,52 +244,42 @@ def layout_of(headers: Sequence[str]) -> Layout:
     return Layout(kind, position, sizes, written, relative, tuple(remarks), note)
 
 
-def accepts(kind: Kind, uncertainty: str, names: Iterable[str | None]) -> bool:
-    """Whether an uncertainty of this name acts for data of this kind, of columns of these names."""
-    if (observed := uncertainty.removesuffix("_uncertainty")) in OBSERVED:
-        return observed in names
-    if uncertainty == "uncertainty":
-        return kind.has_restitution
-    return uncertainty in ("velocity_uncertainty", *kind.uncertainties)
+def _resolved(read: Sequence[Header]) -> list[Header]:
+    """The headings with the names that they have next to each other."""
+    names, words = {header.name for header in read}, {header.words for header in read}
+    first_is_drop = "drop_height" not in names and SECOND & words
 
-
-def _resolved(read: Sequence[Header]) -> list[str | None]:
-    """The name of each column, pairs identified by each other."""
-    names = [header.name for header in read]
-    if "drop_height" not in names and SECOND & {header.words for header in read}:
-        names = ["drop_height" if header.words in FIRST else header.name for header in read]
-
-    def rename(old: Sequence[str], new: str) -> None:
-        names[:] = [new if name in old else name for name in names]
-
-    for end in ("", "_uncertainty"):
+    def name_of(header: Header) -> str | None:
+        if header.name is None or (first_is_drop and header.words in FIRST):
+            return header.name and "drop_height"
         if "rebound_velocity" not in names:
-            rename((f"impact_velocity{end}",), f"velocity{end}")
-        elif not end:
-            rename(("velocity",), "impact_velocity")
-    return names
+            return header.name.replace("impact_velocity", "velocity")
+        return "impact_velocity" if header.name == "velocity" else header.name
+
+    return [header._replace(name=name_of(header)) for header in read]
 
 
-def _kind_of(names: Sequence[str | None], read: Sequence[Header]) -> Kind:
+def _kind_of(names: Iterable[str], read: Sequence[Header]) -> Kind:
     for kind in (*KINDS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ())):
-        if set(kind.needs) <= set(names):
+        if {*kind.needs} <= {*names}:
             return kind
-    known = [name for name in names if name is not None]
-    others = [repr(header.text) for header, name in zip(read, names, strict=True) if name is None]
+    others = [repr(header.text) for header in read if header.name is None]
     unknown = f"not known: {listed(others[:MOST_NAMED])}" if others else ""
-    description = "; ".join(filter(None, [listed(sorted(known)), unknown])) or "empty"
+    description = "; ".join(filter(None, [listed(sorted(names)), unknown])) or "empty"
     raise DataError("set of columns", description, ACCEPTED_SETS)
 
 
-def _used(kind: Kind, names: Sequence[str | None]) -> set[str]:
-    used = {*kind.needs, "group"}
-    used |= {name for name in names if name and accepts(kind, name, names)}
-    used |= {*OBSERVED, *SIZES} & {*names}
-    if set(kind.also) <= set(names):
-        used |= set(kind.also)
-    if kind.is_sequence or "group" not in names:
-        used.add("launch")
-    return used
+def _is_used(name: str, kind: Kind, names: Iterable[str]) -> bool:
+    """Whether a column acts in data of this kind, next to columns of these names."""
+    if name in LABELS:
+        return name == "group" or kind.is_sequence or "group" not in names
+    if name in kind.also:
+        return {*kind.also} <= {*names}
+    if name == "uncertainty":
+        return kind.has_restitution
+    if (observed := name.removesuffix("_uncertainty")) in OBSERVED:
+        return observed in names
+    return name in (*kind.needs, *SIZES, "velocity_uncertainty", *kind.uncertainties)
 
 
 def _size(name: str, unit: str | None) -> Fraction:
@@ -301,18 +292,13 @@ def _size(name: str, unit: str | None) -> Fraction:
         raise DataError(f"unit of {name}", error.value, accepted) from None
 
 
-def _remarks(read, names, used) -> Iterator[str]:
+def _remarks(read: Sequence[Header], used: Mapping[Any, int]) -> Iterator[str]:
     """One line on headings with other names, one on columns that are not used."""
-    as_written = ("velocity", "impact_velocity")
-    pairs = list(zip(read, names, strict=True))
-    renamed = [
-        f"{name} ({header.text!r})"
-        for header, name in pairs
-        if name in used and header.words not in (name, *as_written)
-    ]
-    left = [repr(header.text[:40]) for header, name in pairs if name not in used and header.text]
-    if renamed:
-        yield f"headings read as: {listed(renamed)}"
+    plain = ("velocity", "impact_velocity")
+    found = [h for h in read if h.name in used and h.words not in (h.name, *plain)]
+    left = [repr(h.text[:40]) for h in read if h.name not in used and h.text]
+    if found:
+        yield f"headings read as: {listed(f'{h.name} ({h.text!r})' for h in found)}"
     if left:
         more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
         yield f"columns not used: {listed(left[:MOST_NAMED])}{more}"
