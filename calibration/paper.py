@@ -48,42 +48,6 @@ TABLE_1 = (
 )
 """Table 1, a `TableEntry` a material."""
 
-
-class Misprint(NamedTuple):
-    """What is printed, and what follows from the paper's own equations."""
-
-    place: str
-    printed: str
-    follows: str
-
-
-MISPRINTS = (
-    Misprint("Eq. (2), b³ E/R", "b = (3πR/4E)^{1/3}", "Hertz: b = (3R/4E)^{1/3}"),
-    Misprint(
-        "Eq. (5b)",
-        "160 ρ with M = 4πρR³/3",
-        "160 ρ holds for two equal spheres of density ρ; M itself is used",
-    ),
-    Misprint(
-        "below Eq. (10), κ (E/Y)²",
-        "36 (π/2)^{8/3} = 120",
-        "π² b² Y²/k^{4/3}: (9/16) π^{8/3} = 11.9",
-    ),
-    Misprint("Eq. (10), c1/κ", "2/21", "4/21"),
-    Misprint("Eq. (10), last coefficient/κ", "not legible", "4/9"),
-    Misprint(
-        "Eqs. (11), (12), elastic part of unloading",
-        "Eq. (11) with a_p,max as written: x^{3/2} - d (x_m² - 1) √x",
-        "Eq. (12) has x x_m - 1 instead of x_m² - 1; followed here",
-    ),
-    Misprint("Eq. (15), h2/κ", "4/3", "2/3"),
-    Misprint("Eq. (15), h3/κ", "4/3", "4/9"),
-    Misprint("Eq. (18), c1", "3.518 × 10³", "3.518 × 10⁻³"),
-    Misprint("Table 1, nylon χ̃", "0.0160", "0.0164 by Eq. (18)"),
-    Misprint("Table 1, chrome steel v_cr [m/s]", "0.9090", "0.9096 by Eq. (5)"),
-)
-"""Where the paper contradicts itself, a `Misprint` a place."""
-
 PAPER_NOTE = (
     "Eq. (17) with Table 1's coefficients of Zhou, Theor. Appl. Mech. Lett. 3, 021003 (2013): "
     "a published fit of measurements, not the measurements"

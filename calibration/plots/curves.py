@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, NullFormatter
 
 import softjax as sj
 from calibration.errors import DataError
@@ -57,14 +58,11 @@ def curves_figure(
     if ratio and any(fit.contact is None for fit in result.materials):
         raise DataError("ratio", ratio, "False where there is no contact")
     height = 4.0 if len(result.materials) <= style.COLUMNS else 3.3
-    figure, grid = style.panels(len(result.materials), height, "data sets", (2.6, 1), 0.75)
-    for fit, (upper, lower) in zip(result.materials, grid, strict=False):
-        more = (lines or {}).get(fit.name, ())
-        _plot_observable(result, fit, None, upper, lower, more, ratio, from_rest)
-        if not upper.get_subplotspec().is_first_col():
-            upper.set_ylabel("")
-            lower.set_ylabel("")
-    style.legend_below(figure, list(grid.flat), first=FIRST)
+    shown = [(fit, None, (lines or {}).get(fit.name, ())) for fit in result.materials]
+    figure = _figure(result, shown, height, "data sets", ratio, from_rest)
+    for ax in figure.axes:
+        if not ax.get_subplotspec().is_first_col():  # type: ignore[union-attr]
+            ax.set_ylabel("")
     if title:
         style.set_title(figure, ". ".join(filter(None, (title, figure.get_suptitle()))))
     return figure
@@ -72,12 +70,16 @@ def curves_figure(
 
 def observables_figure(result: Any) -> Figure | None:
     """The same of each observable other than ε, with relative residuals; None if none was measured."""
-    measured = [(fit, observed) for fit in result.materials for observed in fit.data.observed]
-    if not measured:
-        return None
-    figure, grid = style.panels(len(measured), 4.0, "observables", (2.6, 1), 0.75)
-    for (fit, observed), (upper, lower) in zip(measured, grid, strict=False):
-        _plot_observable(result, fit, observed, upper, lower)
+    shown = [(fit, observed, ()) for fit in result.materials for observed in fit.data.observed]
+    return _figure(result, shown, 4.0, "observables") if shown else None
+
+
+def _figure(
+    result: Any, shown: list[Any], height: float, what: str, ratio=False, from_rest=False
+) -> Figure:
+    figure, grid = style.panels(len(shown), height, what, (2.6, 1), 0.75)
+    for (fit, observed, lines), axes in zip(shown, grid, strict=False):
+        _plot_observable(result, fit, observed, axes, lines, ratio, from_rest)
     style.legend_below(figure, list(grid.flat), first=FIRST)
     return figure
 
@@ -86,21 +88,20 @@ def _plot_observable(
     result: Any,
     fit: Any,
     observed: Any,
-    upper: Axes,
-    lower: Axes,
-    lines: Sequence[Line] = (),
-    ratio: bool = False,
-    from_rest: bool = False,
+    axes: Sequence[Axes],
+    lines: Sequence[Line],
+    ratio: bool,
+    from_rest: bool,
 ) -> None:
     """Data, curves and residuals of one observable; ε for None."""
-    data, sizes = fit.data, distinct_impacts(fit)
+    (upper, lower), data, sizes = axes, fit.data, distinct_impacts(fit)
     name, rows = RESTITUTION, np.arange(len(data.velocity))
     value, error, across = data.restitution, data.uncertainty, data.velocity_uncertainty
     if observed is not None:
         name, rows, across = observed.name, observed.rows, None
         value, error = observed.value, observed.uncertainty
-    scale = np.asarray(fit.contact.critical_velocity if ratio else 1.0)
-    x = (data.velocity / scale)[rows]
+    scale = float(fit.contact.critical_velocity) if ratio else 1.0
+    x = data.velocity[rows] / scale
     logarithmic = style.spans_decades(data.velocity[rows]) and not from_rest
     fine = data.velocity if sizes else _fine(data.velocity, logarithmic, from_rest)
     subsets: Sequence[tuple[Any, str | None]] = [(slice(None), None)]
@@ -108,12 +109,10 @@ def _plot_observable(
         subsets = _plot_sizes(upper, result, fit, sizes, name, rows, logarithmic)
     else:
         _plot_fit(upper, result, fit, name, fine, scale)
-        if len(data.groups) <= len(MARKERS):
+        if 0 < len(data.groups) <= len(MARKERS):
             several = "one marker for each group" if len(result.materials) > 1 else None
-            subsets = [
-                (data.group[rows] == group, several or f"group {style.plain(group)}")
-                for group in data.groups
-            ] or subsets
+            names = {group: several or f"group {style.plain(group)}" for group in data.groups}
+            subsets = [(data.group[rows] == group, text) for group, text in names.items()]
     for line in lines:
         _plot_line(upper, line, *_sorted(fine / scale, line.value(fine)))
     style.points(upper, x, value, error, None if across is None else across / scale, label="data")
@@ -122,17 +121,16 @@ def _plot_observable(
         label = "flagged by the law: see the warnings"
         upper.plot(x[flagged], value[flagged], "x", color=style.VERMILION, label=label)
     critical = yield_velocity(fit.law)
-    critical = None if critical is None else critical / float(scale)
-    style.mark_velocity(upper, critical, x, label="first yield")
+    style.mark_velocity(upper, critical and critical / scale, x, label="first yield")
 
     lower.axhline(0.0, color=style.GREY, linewidth=0.8)
-    for line in lines:
-        if line.residuals:
-            left = _sorted(x, value - line.value(data.velocity))
-            lower.plot(*left, color=line.color, ls=line.linestyle, lw=1.2)
+    for line in (line for line in lines if line.residuals):
+        left = _sorted(x, value - line.value(data.velocity))
+        lower.plot(*left, color=line.color, ls=line.linestyle, lw=1.2)
     fitted = result.band(data.velocity, fit.name, observable=name).coefficient[rows]
-    left = value - fitted if observed is None else 100 * (value / fitted - 1)
-    part = error if observed is None or error is None else 100 * error / value
+    left, part = value - fitted, error
+    if observed is not None:
+        left, part = 100 * (value / fitted - 1), None if error is None else 100 * error / value
     for (which, text), color, marker in zip(subsets, style.SHADES, MARKERS, strict=False):
         up = None if part is None else part[which]
         style.points(lower, x[which], left[which], up, None, color, marker, text)
@@ -143,12 +141,15 @@ def _plot_observable(
     lower.set_xlim(upper.get_xlim())
     upper.tick_params(labelbottom=False)
     upper.set_title(style.plain(fit.name) + " (NOT CONVERGED)" * (not fit.converged))
-    lower.set_xlabel(r"$y = v/v_\mathrm{cr}$" if ratio else style.VELOCITY)
     upper.set_ylabel(style.EPSILON)
+    lower.set_xlabel(r"$y = v/v_\mathrm{cr}$" if ratio else style.VELOCITY)
     lower.set_ylabel("data − fit" if observed is None else "data/fit − 1 [%]")
     if observed is not None:
-        unit = style.in_prefixed_unit(upper, OBSERVABLES[name].unit, value)
-        upper.set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
+        upper.set_ylabel(name.replace("_", " "))
+        if style.spans_decades(value):
+            upper.set_yscale("log")
+            upper.yaxis.set_minor_formatter(NullFormatter())
+        upper.yaxis.set_major_formatter(EngFormatter(OBSERVABLES[name].unit))
 
 
 def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, scale) -> None:
@@ -160,13 +161,15 @@ def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, 
     x, value = _sorted(velocity / scale, band.coefficient)
     ax.plot(x, value, color=style.BLUE, linewidth=1.8, label=f"{fit.model.label}, fitted")
     reach = (band.high - band.low) / (1.0 if name == RESTITUTION else np.abs(band.coefficient))
-    if not np.nanmax(reach, initial=0.0) > INVISIBLE:
-        return
-    share = f"{100 * result.confidence:g} %"
-    wide = result.band(velocity, fit.name, kind="prediction", observable=name)
-    for limits, alpha, what in ((wide, 0.1, "one more measurement"), (band, 0.3, "of the mean")):
-        x, low, high = _sorted(velocity / scale, limits.low, limits.high)
-        style.band(ax, x, low, high, alpha=alpha, label=f"{share}, {what}")
+    if np.nanmax(reach, initial=0.0) > INVISIBLE:
+        wide = result.band(velocity, fit.name, kind="prediction", observable=name)
+        for limits, alpha, what in (
+            (wide, 0.1, "one more measurement"),
+            (band, 0.3, "of the mean"),
+        ):
+            x, low, high = _sorted(velocity / scale, limits.low, limits.high)
+            label = f"{100 * result.confidence:g} %, {what}"
+            style.band(ax, x, low, high, alpha=alpha, label=label)
 
 
 def _plot_sizes(
@@ -224,17 +227,14 @@ def restitution_figure(
 
     `rows` is an ascending curve, `confidence` that of its band, if any; `yields_at` [m/s] is marked.
     """
-    figure = style.new_figure(4.2)
-    ax, v = figure.add_subplot(), rows.velocity
-    limits = None
+    ax, v = style.new_figure(4.2).add_subplot(), rows.velocity
     if confidence is not None:
-        limits = _limits(rows)
-        share = f"{100 * confidence:g} %, of the mean"
-        if limits is not None:
-            lowest, highest = (
-                number(float(x), 3) for x in (np.nanmin(rows.low), np.nanmax(rows.high))
-            )
-            share += f"\n(wider than the picture: {lowest} to {highest})"
+        low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
+        below, above = np.nanmin(rows.low), np.nanmax(rows.high)
+        room, share = WIDEST * max(high - low, LEAST_SPAN), f"{100 * confidence:g} %, of the mean"
+        if below < low - room or high + room < above:  # the curve could not be read
+            ax.set_ylim(max(below, low - room), min(above, high + room))
+            share += f"\n(wider than the picture: {number(below, 3)} to {number(above, 3)})"
         style.band(ax, v, rows.low, rows.high, label=share)
         known = v[np.isfinite(rows.coefficient)]
         for ends in ((v[0], known[0]), (known[-1], v[-1])):
@@ -250,40 +250,38 @@ def restitution_figure(
     ax.set(xlabel=style.VELOCITY, ylabel=style.EPSILON)
     if style.spans_decades(v):
         style.logarithmic_x(ax)
-    if limits is not None:
-        ax.set_ylim(*limits)
     ax.legend(frameon=False)
-    return figure
-
-
-def _limits(rows: Any) -> tuple[float, float] | None:
-    """Limits of the y axis if the band is so wide that the curve could not be read, else None."""
-    low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
-    room = WIDEST * max(high - low, LEAST_SPAN)
-    below, above = np.nanmin(rows.low), np.nanmax(rows.high)
-    if low - room <= below and above <= high + room:
-        return None
-    return max(below, low - room), min(above, high + room)
+    return ax.figure  # type: ignore[return-value]
 
 
 def comparison_figure(comparisons: Sequence[Any]) -> Figure:
-    """Draw for each `Comparison` the curves of all laws, and below a close-up of the data."""
-    same = _same_curves(comparisons)
+    """Draw for each `Comparison` the curves of all laws, and below a close-up of the data.
+
+    Laws with one curve in every comparison share a line.
+    """
+    equal = [{e.label: e.same_as for e in table.entries if e.same_as} for table in comparisons]
+    same = {law: of for law, of in equal[0].items() if all(t.get(law) == of for t in equal)}
     entries = [entry for comparison in comparisons for entry in comparison.entries]
     entries.sort(key=lambda entry: (*LAWS, entry.key).index(entry.key))  # Zhou's law is solid
-    labels = dict.fromkeys(entry.label for entry in entries)
-    pairs = zip(cycle(style.SHADES), cycle(style.DASHES), strict=False)
-    looks = dict(zip(labels, pairs, strict=False))
+    labels, looks = dict.fromkeys(e.label for e in entries if e.label not in same), {}
+    for label, color, dashes in zip(labels, cycle(style.SHADES), cycle(style.DASHES), strict=False):
+        names = [label, *(law for law, of in same.items() if of == label)]
+        text = "\n= ".join(map(style.plain, names))
+        looks[label] = {"label": text, "color": color, "ls": dashes}
     figure, grid = style.panels(len(comparisons), 5.4, "data sets", (1, 1), 1.1)
-    for (upper, lower), comparison in zip(grid, comparisons, strict=False):
-        data = comparison.data
-        curves = [(e, *_curve(e)) for e in comparison.entries if e.label not in same]
-        for ax in (upper, lower):
-            _plot_laws(ax, curves, looks, same)
+    for axes, comparison in zip(grid, comparisons, strict=False):
+        data, curves = comparison.data, {e.label: _curve(e) for e in comparison.entries}
+        drawn = [label for label in curves if label in looks]
+        drawn.sort(key=lambda label: looks[label]["ls"] != "-")  # dashes above solid lines
+        for ax in axes:
+            for k, label in enumerate(drawn):  # a curve on top of an equal one leaves its edges
+                width = max(WIDTHS[0] - WIDTHS[1] * k, WIDTHS[2])
+                ax.plot(*curves[label], lw=width, **looks[label])
             errors = data.uncertainty, data.velocity_uncertainty
             style.points(ax, data.velocity, data.restitution, *errors, label="data")
             if style.spans_decades(data.velocity):
                 style.logarithmic_x(ax)
+        upper, lower = axes
         low, high = np.min(data.restitution), np.max(data.restitution)
         room = ROOM * max(high - low, 0.02)
         lower.set(ylim=(low - room, high + room), xlabel=style.VELOCITY)
@@ -292,30 +290,9 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
         if upper.get_subplotspec().is_first_col():
             upper.set_ylabel(style.EPSILON)
             lower.set_ylabel(f"{style.EPSILON}, enlarged")
-    order = ["data", *(_label(label, same) for label in comparisons[0].ranking)]
-    style.legend_below(figure, list(grid[:, 0]), first=order)
+    ranked = [looks[label]["label"] for label in comparisons[0].ranking if label in looks]
+    style.legend_below(figure, list(grid[:, 0]), first=["data", *ranked])
     return figure
-
-
-def _plot_laws(ax: Axes, curves: Sequence[Any], looks: Mapping[str, Any], same: Any) -> None:
-    """Curves of laws, each thinner than those below it; solid ones below dashed ones, which may coincide."""
-    for entry, *curve in sorted(curves, key=lambda drawn: looks[drawn[0].label][1] != "-"):
-        width = max(WIDTHS[0] - WIDTHS[1] * len(ax.lines), WIDTHS[2])
-        color, dashes = looks[entry.label]
-        ax.plot(*curve, label=_label(entry.label, same), color=color, ls=dashes, lw=width)
-
-
-def _same_curves(comparisons: Sequence[Any]) -> dict[str, str]:
-    """Laws that have the curve of another law in every comparison, mapped to that law."""
-    equal = [{e.label: e.same_as for e in table.entries if e.same_as} for table in comparisons]
-    pairs = equal[0].items()
-    return {law: other for law, other in pairs if all(table.get(law) == other for table in equal)}
-
-
-def _label(label: str, same: Mapping[str, str]) -> str:
-    """Name of a law, and below it the names of laws with the same curve."""
-    below = [other for other, drawn in same.items() if drawn == label]
-    return "\n= ".join(style.plain(name) for name in (label, *below))
 
 
 def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -57,20 +57,17 @@ def plot_tornado(sensitivities: Any, velocity: float, ax: Axes | None = None) ->
     ax = style.axes_or_new(ax, 3.5)
     ranked = sensitivities.ranked(velocity)[::-1]
     changes = np.array([value for _, value in ranked]) / 100
-    colors = [style.BLUE if value >= 0 else style.VERMILION for value in changes]
-    ax.barh(range(len(ranked)), changes, color=colors, height=0.7)
+    names = [in_math(sensitivities.declared[name].symbol) for name, _ in ranked]
+    colors = np.where(changes >= 0, style.BLUE, style.VERMILION)
+    ax.barh(range(len(names)), changes, color=colors, height=0.7, tick_label=names)
     side = "right" if sum(ax.get_xlim()) < 0 else "left"  # where there is more room
-    for k, value in enumerate(changes):
-        if abs(value) < 5 * VISIBLE * np.max(np.abs(changes)):
-            text = f" {value:.0e} " if abs(value) >= NOTHING else " 0 "
-            ax.text(0, k, text, va="center", ha=side, color=style.GREY, fontsize="small")
-    ax.set_yticks(
-        range(len(ranked)), [in_math(sensitivities.declared[name].symbol) for name, _ in ranked]
-    )
+    largest = np.max(np.abs(changes))
+    for k in np.flatnonzero(np.abs(changes) < 5 * VISIBLE * largest).tolist():
+        text = f" {changes[k]:.0e} " if abs(changes[k]) >= NOTHING else " 0 "
+        ax.text(0, k, text, va="center", ha=side, color=style.GREY, fontsize="small")
     ax.axvline(0, color=style.BLACK, linewidth=0.8)
     nearest = sensitivities.velocity[np.argmin(np.abs(sensitivities.velocity - velocity))]
     ax.set(xlabel=r"change of $\varepsilon$ for +1 %", title=f"$v$ = {nearest:.3g} m/s")
-    largest = np.max(np.abs(changes), initial=0.0)
     if largest > NOTHING:  # the power of ten in the label: an offset below the axis is overlooked
         power = int(np.floor(np.log10(largest)))
         ax.xaxis.set_major_formatter(lambda x, _: f"{x / 10.0**power:.6g}")

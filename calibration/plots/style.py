@@ -32,7 +32,6 @@ COLUMNS = 2  # panels side by side in it
 LINE = 72  # letters of a title above all panels
 LONGEST = 20  # letters of a name in a small panel
 MOST = 24  # panels of one picture: a hundred take a minute to draw
-PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M"}  # of powers of 1000
 LOG_DECADES = 1.5  # data that span more are drawn over a logarithmic axis
 
 
@@ -115,18 +114,6 @@ def logarithmic_x(ax: Axes, room: float = 3.2) -> None:
     if low >= 1e-4 and high < 1e5:
         ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
-
-
-def in_prefixed_unit(ax: Axes, unit: str, values: np.ndarray) -> str:
-    """Set a y axis of positive SI values to a unit with a prefix, and return it; logarithmic over decades."""
-    place = math.floor(math.log10(float(np.median(values))) / 3)
-    place = min(max(place, min(PREFIXES)), max(PREFIXES))
-    size = 1000.0**place
-    if spans_decades(values):
-        ax.set_yscale("log")
-        ax.yaxis.set_minor_formatter(NullFormatter())
-    ax.yaxis.set_major_formatter(lambda y, _: f"{y / size:.5g}")
-    return PREFIXES[place] + unit
 
 
 def spans_decades(values: np.ndarray) -> bool:
