@@ -21,9 +21,10 @@ from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.material import Band, MaterialFit
-from calibration.fitting.problem import Element, Points, Problem, block_name
+from calibration.fitting.problem import Element, Points, Problem, Residuals, block_name
 from calibration.fitting.request import WIDE
 from calibration.fitting.uncertainty import freedom_of, quantile
+from calibration.fitting.variances import estimated
 from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
@@ -177,17 +178,18 @@ def of_impact(material: MaterialFit, impact: int) -> MaterialFit:
 
 
 class ModulusByTimes(NamedTuple):
-    """Estimate of E from contact times: the deviation from the stated E, and its relative error."""
+    """Estimate of E from contact times: the deviation from the stated E, its relative error, and the dof of that."""
 
     off: float
     error: float
+    degrees: float
 
 
 def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
     """ln of E by the contact times alone, less that of the stated one, everything else as fitted.
 
-    With s = ∂ ln t/∂ ln E and r = ln(t/predicted), Σ s r/u² / Σ s²/u². None where E is free, or was not
-    stated, contact times are not determined, or these do not depend on E.
+    With s = ∂ ln t/∂ ln E, r = ln(t/predicted) and their V, sᵀV⁻¹r/sᵀV⁻¹s; what is unknown of V is estimated
+    with it. None where E is free, or was not stated, or contact times do not depend on it.
     """
     contact, observed = material.data.contact, material.observed.get("contact_time")
     if contact is None or observed is None or OF_CONTACT + "youngs_modulus" in material.labels:
@@ -202,13 +204,21 @@ def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
             return np.log(np.asarray(hit.duration)[block.rows])
 
     slope = (times(1 + MODULUS_STEP) - times(1 - MODULUS_STEP)) / (2 * MODULUS_STEP)
-    stated = 0.0 if block.uncertainty is None else block.uncertainty / block.value
-    weight = slope / ((observed.noise or 0.0) ** 2 + stated**2)
-    total = float(np.sum(weight * slope))
-    if not total > 0 or np.max(np.abs(slope)) < LEAST_SLOPE:
+    errors, off = Errors.of(material.data, observed=block), np.log(block.value) - times(1.0)
+    unknown = tuple(kind for kind in ("scale", "scatter", "group") if kind in observed.variances)
+    errors, flat, none = replace(errors, unknown=unknown), 0 * off[None], np.zeros((1, 1, 1))
+    count = len(off) if errors.group is None else len(np.unique(errors.group))
+    if np.max(np.abs(slope)) < LEAST_SLOPE or (unknown and count < 2):
         return None
-    off = float(np.sum(weight * (np.log(block.value) - times(1.0)))) / total
-    return ModulusByTimes(off, total**-0.5)
+    free = np.ones((1, 1), bool)
+    at = Residuals(off[None], slope[None, :, None], flat, flat, none, none[0], free)
+    s = {kind: float(v[0]) for kind, v in estimated(errors, at).items()} if unknown else {}
+    total, first = slope @ errors.solve(errors.factor(s), np.stack([slope, off], axis=1))
+    if not 0 < total < np.inf:
+        return None
+    return ModulusByTimes(
+        float(first / total), float(total**-0.5), count - 1 if unknown else np.inf
+    )
 
 
 def yield_velocity(law: sj.ContactLaw) -> float | None:

@@ -219,6 +219,31 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     np.testing.assert_allclose(band.coefficient, expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("options", "factor"), [({}, 1.0), ({}, 1.5), ({"scale_uncertainty": True}, 1.5)]
+)
+def test_contact_times_of_few_specimens_say_less_of_the_modulus(options, factor):
+    """6 specimens of 10 impacts, whose times are off by 5 % as a whole: E to 2.5 times the error of their mean."""
+    random, v, specimen = np.random.default_rng(0), np.geomspace(0.2, 4, 60), np.arange(60) % 6
+    hit = sj.restitution(sj.ViscoelasticHertz(PAIR, 1e-7), v)
+    offsets, times = 0.05 * random.standard_normal(6), np.asarray(hit.duration)
+    times = times * np.exp(0.005 * random.standard_normal(60) + offsets[specimen])
+    eps = np.asarray(hit.coefficient) + 0.0003 * random.standard_normal(60)
+    stated = sj.Contact(**{**PAIR.leaves(), "youngs_modulus": factor * PAIR.youngs_modulus})
+    more = {"contact_time_uncertainty": 0.002 * times, "uncertainty": 0.0003} if options else {}
+    group = [f"s{k}" for k in specimen]
+    data = cal.RestitutionData(v, eps, stated, contact_time=times, group=group, **more)
+    result = cal.fit(data, "viscoelastic", **QUICK, **options)
+    causes = [one.cause for one in result.warnings if one.code == "modulus"]
+    assert len(causes) == (factor > 1)
+    if causes:
+        means = [np.mean(np.log(times / hit.duration)[specimen == k]) for k in range(6)]
+        error = 250 * np.std(means, ddof=1) / 6**0.5
+        ratio = float(causes[0].split("those of ")[1].split()[0])
+        assert ratio == pytest.approx(np.exp(-2.5 * np.mean(means)) / factor, rel=0.01)
+        assert causes[0].endswith(f"which they determine to {error:.2g} %")
+
+
 def test_information_and_designs_count_what_sensors_show():
     """Contact times of 2 % tell a spring's stiffness to 4 %/√n; ε alone does not tell it."""
     law, sensors = sj.LinearSpringDashpot(PAIR, 3e6, 0.8), {"contact_time": 0.02}
