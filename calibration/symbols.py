@@ -9,9 +9,15 @@ from softjax.fields import NO_UNIT
 
 
 class Symbol(NamedTuple):
+    """A letter and the unit of what it stands for."""
+
     text: str
-    math: str  # for matplotlib
     unit: str = ""
+
+    @property
+    def label(self) -> str:
+        """`A [s]`: with the unit where there is one."""
+        return self.text + (f" [{self.unit}]" if self.unit else "")
 
 
 MATH = {
@@ -62,11 +68,10 @@ def symbol(name: str, model: Any = None) -> Symbol:
     declared = None if model is None else model.parameters.get(name)
     if declared is None and leaf in CONTACT_LEAVES:
         declared = CONTACT_LEAVES[leaf]
+    letter, unit = DERIVED.get(name, (name, ""))
     if declared is not None and declared.symbol:
         letter, unit = declared.symbol, declared.unit
-    else:
-        letter, unit = DERIVED.get(name, (name, ""))
-    return Symbol(letter, in_math(letter), "" if unit in NO_UNIT else unit)
+    return Symbol(letter, "" if unit in NO_UNIT else unit)
 
 
 def in_math(written: str) -> str:
@@ -106,15 +111,3 @@ def words(name: str, model: Any = None) -> str:
     what = "" if declared is None or declared.what == "number" else declared.what
     built_in = model is None or model.key in LAWS or leaf in CONTACT_LEAVES
     return WORDS.get(leaf, what) if built_in else what
-
-
-def text(name: str, model: Any = None) -> str:
-    """`χ̃` for chi, with the unit where there is one: `A [s]`."""
-    of_name = symbol(name, model)
-    return of_name.text + (f" [{of_name.unit}]" if of_name.unit else "")
-
-
-def math(name: str, model: Any = None, unit: bool = True) -> str:
-    """Symbol for matplotlib."""
-    of_name = symbol(name, model)
-    return of_name.math + (f" [{of_name.unit}]" if unit and of_name.unit else "")

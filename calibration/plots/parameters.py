@@ -40,7 +40,8 @@ def profiles_figure(result: Any) -> Figure | None:
         _plot_profile(ax, profile, result.estimates.get(label))
         name, _, owner = label.partition("[")
         ax.set_title(style.plain(owner.removesuffix("]")), fontsize="medium")
-        ax.set_xlabel(symbols.math(name, symbols.model_of(label, result)))
+        of = symbols.symbol(name, symbols.model_of(label, result))
+        ax.set_xlabel(symbols.in_math(of.label))
     style.legend_below(figure, list(grid.flat))
     return figure
 
@@ -115,7 +116,8 @@ def correlation_figure(result: Any) -> Figure | None:
 def _name(label: str, result: Any, width: int, unit: bool = True) -> str:
     """The symbol of a parameter, and the data set below it in lines of `width` letters."""
     base, _, owner = label.removesuffix("]").partition("[")
-    symbol = NOISES.get(base) or symbols.math(base, symbols.model_of(label, result), unit)
+    of = symbols.symbol(base, symbols.model_of(label, result))
+    symbol = NOISES.get(base) or symbols.in_math(of.label if unit else of.text)
     lines = textwrap.wrap(style.shortened(owner), width)
     return "\n".join([symbol, *map(style.plain, lines)])
 

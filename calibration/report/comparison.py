@@ -9,7 +9,7 @@ from calibration import symbols
 from calibration.data.json_file import dumps
 from calibration.fitting.warnings import OTHER_LAWS
 from calibration.report.layout import Block, Item, terminal
-from calibration.report.tables import estimate_text
+from calibration.report.tables import fitted_texts
 from calibration.rounding import ABSENT, number
 
 WHOLE = 1000  # larger elpd, AIC and BIC are rounded to whole numbers
@@ -66,18 +66,9 @@ def ranking_table(comparison: Any) -> pd.DataFrame:
 
 def parameter_table(comparison: Any) -> pd.DataFrame:
     """Fitted parameters of each law, with errors and units; of networks, the number of weights."""
-    rows = []
-    for entry in comparison.entries:
-        fit = entry.result.material()
-        fitted = []
-        for name, estimate in fit.parameters.items():
-            symbol = symbols.symbol(name, fit.model)
-            if estimate.free:
-                fitted.append(f"{symbol.text} {estimate_text(estimate)} {symbol.unit}".rstrip())
-        fitted += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
-        if fitted:
-            rows.append({"law": entry.label, "fitted": ", ".join(fitted)})
-    return pd.DataFrame(rows)
+    fits = {entry.label: entry.result.material() for entry in comparison.entries}
+    fitted = {label: ", ".join(fitted_texts(fit)) for label, fit in fits.items()}
+    return pd.DataFrame({"law": law, "fitted": text} for law, text in fitted.items() if text)
 
 
 def comparison_json(comparisons: Sequence[Any], settings: Mapping[str, Any]) -> str:

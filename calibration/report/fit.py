@@ -17,9 +17,9 @@ from calibration.report.tables import (
     Printed,
     bodies_table,
     estimate_text,
+    fitted_texts,
     group_blocks,
     interval_methods,
-    interval_text,
     observables_blocks,
     outlier_lines,
     parameter_table,
@@ -27,7 +27,7 @@ from calibration.report.tables import (
     range_text,
     warning_items,
 )
-from calibration.rounding import ABSENT, interval, number, with_error
+from calibration.rounding import interval, number, with_error
 
 MOST_NAMED = 3  # data sets that the first sentence describes one by one
 NOT_CONVERGED = "NOT CONVERGED: do not use these values."
@@ -208,18 +208,11 @@ def _sentence(result: Any) -> str:
     count = len(result.materials)
     if count > MOST_NAMED:
         return f"{law} of {count} data sets."
-    parts, level = [], f"{100 * result.confidence:g} % interval "
+    parts = []
     for fit in result.materials:
-        values = []
-        for name, estimate in fit.parameters.items():
-            symbol = symbols.symbol(name, fit.model)
-            texts = estimate_text(estimate), interval_text(estimate)
-            value, ends = (t if t == ABSENT else f"{t} {symbol.unit}".rstrip() for t in texts)
-            value += f" ({level}{ends})" if ABSENT not in (value, ends) else ""
-            values += [f"{symbol.text} = {value}"] if estimate.free else []
-        values += [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
         owner = f"on {fit.name}: " if count == 1 else f"{fit.name}, "
-        parts.append(owner + ", ".join([*values, f"rms {number(fit.rms)}"]))
+        texts = [*fitted_texts(fit, result.confidence), f"rms {number(fit.rms)}"]
+        parts.append(owner + ", ".join(texts))
     return f"{law}{' ' if count == 1 else ': '}{'; '.join(parts)}."
 
 
@@ -240,7 +233,7 @@ def _stated(result: Any) -> list[str]:
     for fit, parameters in zip(result.materials, parameters_of, strict=True):
         for name, parameter in parameters.items():
             if isinstance(parameter, Parameter) and (words := _stated_words(parameter)):
-                symbol = symbols.text(fit.model.canonical(name), fit.model)
+                symbol = symbols.symbol(fit.model.canonical(name), fit.model).label
                 texts.append((f"{symbol}: {words}", fit.name))
     return _with_owners(result, texts, "{text} ({names})")
 

@@ -92,7 +92,7 @@ def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame
     for owner, name, symbol, label, estimate in _estimates(result, printed):
         row = {
             "material": "" if owner == before else owner,
-            "parameter": symbol.text + (f" [{symbol.unit}]" if symbol.unit else ""),
+            "parameter": symbol.label,
             "value ± std. error": estimate_text(estimate),
         }
         if with_intervals:
@@ -134,6 +134,19 @@ def interval_text(estimate: Any) -> str:
     if estimate.standard_error is None and estimate.low is None and estimate.high is None:
         return ABSENT
     return interval(estimate.low, estimate.high, estimate.printed_error)
+
+
+def fitted_texts(fit: Any, level: float | None = None) -> list[str]:
+    """`χ̃ = 1.7 ± 0.1` of each free parameter of a data set, with unit and, at a level, interval."""
+    texts = []
+    for name, estimate in fit.parameters.items():
+        symbol = symbols.symbol(name, fit.model)
+        both = estimate_text(estimate), interval_text(estimate)
+        value, ends = (t if t == ABSENT else f"{t} {symbol.unit}".rstrip() for t in both)
+        if level is not None and ABSENT not in (value, ends):
+            value += f" ({100 * level:g} % interval {ends})"
+        texts += [f"{symbol.text} = {value}"] if estimate.free else []
+    return texts + [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
 
 
 def quality_table(result: Any) -> pd.DataFrame:

@@ -226,25 +226,23 @@ def compare(
         raise data.refusal(f"{len(data)} points", f"a comparison needs {FEWEST} or more")
     candidates, left_out = _chosen(laws, parameters), []
     if laws is None and data.contact is None:
-        candidates = [candidate for candidate in candidates if candidate.key in WITHOUT_CONTACT]
         left_out += ["without elastic properties no law of the contact of two bodies can be fitted"]
+        usable = set(WITHOUT_CONTACT)
         if data.limit_velocity is None:
-            candidates = [candidate for candidate in candidates if candidate.key != "eq-17"]
+            usable -= {"eq-17"}
             left_out.append("without a limit velocity Eq. (17) cannot be fitted either")
+        candidates = [candidate for candidate in candidates if candidate.key in usable]
     entries = []
     for candidate in watch(candidates, printable(data.name)):
-        acting = {
-            n: v
-            for n, v in options.items()
-            if candidate.key in LAW_OPTIONS.get(n, (candidate.key,))
-        }
+        key = candidate.key
+        acting = {n: v for n, v in options.items() if key in LAW_OPTIONS.get(n, (key,))}
         refit = partial(fit, data, candidate.law, candidate.stated, unloading_line=None, **acting)
         try:
             result = refit(profiles=False)
             if any(estimate.skewed for estimate in result.estimates.values()):
                 result = refit()  # no ± describes it
             left = result.leave_one_out()
-            entries.append(Entry(candidate.key, candidate.label, candidate.remark, result, left))
+            entries.append(Entry(key, candidate.label, candidate.remark, result, left))
         except (DataError, InputError) as error:
             if laws is not None:
                 raise data.refusal(
@@ -254,11 +252,11 @@ def compare(
     if not entries:
         raise data.refusal("no law can be fitted", "; ".join(left_out))
     ranked = _ranked(entries)
-    exact = [entry.label for entry in ranked if entry.is_exact]
-    notes = [*data.notes, *([EXACT.format(" and ".join(exact))] if exact else [])]
+    exact = " and ".join(entry.label for entry in ranked if entry.is_exact)
+    notes = [*data.notes, *([EXACT.format(exact)] if exact else [])]
     if not all(entry.leave_one_out.exact for entry in ranked):
         notes.append(TO_FIRST_ORDER)
-    notes += _noise_and_lead(data, [candidate for candidate in ranked if not candidate.is_exact])
+    notes += _noise_and_lead(data, [entry for entry in ranked if not entry.is_exact])
     return Comparison(data, ranked, tuple(left_out), tuple(notes))
 
 
@@ -298,23 +296,19 @@ def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:
     elif isinstance(laws, Mapping):
         candidates = [_candidate(law)._replace(label=str(label)) for label, law in laws.items()]
     else:
-        alone = isinstance(laws, str | type) or callable(laws) or not isinstance(laws, Iterable)
+        alone = isinstance(laws, str) or not isinstance(laws, Iterable)
         candidates = [_candidate(law) for law in ([laws] if alone else laws)]
     labels = [candidate.label for candidate in candidates]
     if not labels:
         raise DataError("laws", "empty", f"one law or more, such as {listed(BUILT_IN)}")
     for twice in (label for label in labels if labels.count(label) > 1):
         raise DataError("laws", f"twice {twice}", "laws of different labels, as {label: law}")
-    for unknown in (
-        name
-        for name in stated
-        if name not in {candidate.key for candidate in candidates} | {*labels}
-    ):
+    known = {*labels, *(candidate.key for candidate in candidates)}
+    for unknown in (name for name in stated if name not in known):
         raise DataError(f"parameters[{unknown!r}]", "of no law compared", f"of {listed(labels)}")
-    stated_of = ((c, stated.get(c.key, {}), stated.get(c.label, {})) for c in candidates)
     return [
-        candidate._replace(stated={**candidate.stated, **by_key, **by_label})
-        for candidate, by_key, by_label in stated_of
+        c._replace(stated={**c.stated, **stated.get(c.key, {}), **stated.get(c.label, {})})
+        for c in candidates
     ]
 
 
@@ -330,28 +324,23 @@ def _candidate(law: Any) -> Candidate:
 
 def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
     """Entries sorted by falling elpd, with difference to the best and weight; exact ones first."""
-    exact = [entry for entry in entries if entry.is_exact]
+    exact = tuple(entry for entry in entries if entry.is_exact)
     others: list[Entry] = []
     for entry in (entry for entry in entries if not entry.is_exact):
-        predicted = entry.leave_one_out.predicted
-        equals = (
-            other.label
-            for other in others
-            if other.same_as is None
-            and np.max(np.abs(predicted - other.leave_one_out.predicted)) < SAME_CURVE
-        )
+        first = (other for other in others if other.same_as is None)
+        gaps = {o.label: entry.leave_one_out.predicted - o.leave_one_out.predicted for o in first}
+        equals = (label for label, gap in gaps.items() if np.max(np.abs(gap)) < SAME_CURVE)
         others.append(replace(entry, same_as=next(equals, None)))
     if not others:
-        return tuple(exact)
+        return exact
     scores = {entry.label: entry.leave_one_out.elpd for entry in others}
     # laws of one curve differ by rounding, and stay in the order in which they were requested
     order = sorted(others, key=lambda entry: -scores[entry.same_as or entry.label])
     weights = stacking_weights(np.stack([entry.leave_one_out.log_density for entry in order]))
-    ranked = (
-        replace(entry, delta_elpd=entry.ahead_of(order[0])[0], weight=float(weight))
-        for entry, weight in zip(order, weights, strict=True)
+    pairs = zip(order, weights.tolist(), strict=True)
+    return exact + tuple(
+        replace(entry, delta_elpd=entry.ahead_of(order[0])[0], weight=w) for entry, w in pairs
     )
-    return (*exact, *ranked)
 
 
 def stacking_weights(log_density: Float[np.ndarray, "laws n"]) -> Float[np.ndarray, "laws"]:
