@@ -256,9 +256,10 @@ def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, 
             cause = f"{words}: the law misses the values by {100 * goodness.rms:.3g} % (rms)"
             found.append(FitWarning("plausibility", cause, part.name, OF_UNITS))
     modulus = modulus_by_times(part)
-    if modulus is None:
-        return
-    if abs(modulus.off) > quantile(MODULUS_OFF, modulus.degrees) * modulus.error:
+    if (
+        modulus is not None
+        and abs(modulus.off) > quantile(MODULUS_OFF, modulus.degrees) * modulus.error
+    ):
         times = (
             f"the contact times are those of {np.exp(modulus.off):.3g} times the stated modulus E"
         )
