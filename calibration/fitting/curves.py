@@ -60,7 +60,7 @@ def curve_problem(
     Raises:
         ValueError: where the bodies differ from impact to impact, and are as many no more.
     """
-    sizes, count = of_each_impact(material), len(velocity)
+    sizes, count = {len(value) for value in _differing(material)}, len(velocity)
     if sizes and sizes != {count}:
         accepted = f"{sizes.pop()} velocities, as the bodies differ from impact to impact"
         raise DataError("velocity", f"{count} long", accepted)
@@ -150,11 +150,6 @@ def _differing(material: MaterialFit) -> list[np.ndarray]:
     contact = material.data.contact
     values = [*material.values.values(), *(contact.leaves().values() if contact else ())]
     return [np.asarray(value, float) for value in values if np.ndim(value)]
-
-
-def of_each_impact(material: MaterialFit) -> set[int]:
-    """Numbers of impacts over which bodies or parameters differ; empty if all impacts share them."""
-    return {len(value) for value in _differing(material)}
 
 
 def distinct_impacts(material: MaterialFit) -> list[int]:
@@ -301,7 +296,11 @@ def like_measured(
     u_v = None if u_v is None or errors.kind == "velocities" else like(u_v, velocity, at)
     if not errors.kind:
         return PointErrors.alone(len(at), u, u_v)
-    gravity = _gravity(errors, velocity)
+    gravity = None  # v ∂v/∂h of heights is g, ∂v/∂t of times g/2
+    if errors.kind == "heights":
+        gravity = float(np.median(velocity * errors.to_velocity[:, 0]))
+    elif errors.kind != "velocities":
+        gravity = 2 * float(np.median(np.max(errors.to_velocity, axis=1)))
     table = _readings(errors.kind, at, np.maximum(expected, LEAST_REBOUND), gravity)
     stated = {"uncertainty": u, "velocity_uncertainty": u_v}
     stated = {name: column for name, column in stated.items() if column is not None}
@@ -317,15 +316,6 @@ def like_measured(
     table |= stated
     planned = RestitutionData.from_table(table, name="planned", **options)
     return planned.errors
-
-
-def _gravity(errors: PointErrors, velocity: Float[np.ndarray, "k"]) -> float | None:
-    """g of the data: v ∂v/∂h of heights is g, ∂v/∂t of times g/2."""
-    if errors.kind == "heights":
-        return float(np.median(velocity * errors.to_velocity[:, 0]))
-    if errors.kind == "velocities":
-        return None
-    return 2 * float(np.median(np.max(errors.to_velocity, axis=1)))
 
 
 def _readings(kind: str, velocity: Velocity, restitution: Velocity, gravity: Any) -> dict[str, Any]:

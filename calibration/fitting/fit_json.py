@@ -38,12 +38,10 @@ from calibration.schema import Real, Strict, faults
 FORMAT = 1
 BESIDE = tuple(name for observed in OBSERVED for name in (observed, f"{observed}_uncertainty"))
 LARGEST = 24 * MIB
-OF_POINTS = ("standardised", "leverage")
 AS_THEY_ARE = (
     *("unloading_line", "settings", "versions", "warnings", "rank", "condition_number"),
     *("likelihood", "profiles", "optimiser_report", "pooled", "times"),
 )
-ROUNDING = 1e-4  # of a covariance scaled to ones: below it a negative eigenvalue is rounding's
 OWN = "only a fit's own fit.json is accepted"
 
 
@@ -53,16 +51,8 @@ def as_covariance(rows: Any) -> np.ndarray:
         raise ValueError("a square matrix, row by row")
     matrix = np.array([[math.nan if x is None else x for x in row] for row in rows], float)
     matrix = matrix.reshape(len(rows), len(rows))
-    variance = np.diag(matrix)
-    if np.any(variance < 0):
+    if np.any(np.diag(matrix) < 0):
         raise ValueError("without a negative variance")
-    if np.all(np.isfinite(matrix)):
-        scale = np.sqrt(np.where(variance > 0, variance, 1.0))
-        with np.errstate(over="ignore"):
-            scaled = matrix / scale[:, None] / scale
-        sound = np.all(np.isfinite(scaled)) and np.all(np.abs(scaled) <= 1 + ROUNDING)
-        if not sound or np.min(np.linalg.eigvalsh(scaled + scaled.T), initial=0) < -2 * ROUNDING:
-            raise ValueError("without a negative variance of a sum")
     return matrix
 
 
@@ -152,7 +142,6 @@ class FitRecord(Strict):
     noise_family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]
     outliers: tuple[Outlier, ...]
     standardised: tuple[Real, ...]
-    leverage: tuple[Real, ...]
     residual_degrees: NotNegative
     group_offsets: dict[str, tuple[Real, NotNegative]] = Field(default_factory=dict)
     chi_squared_probability: float | None
@@ -340,7 +329,7 @@ def _check(file: ResultFile) -> None:
     for i, fit in enumerate(file.fits):
         columns: list[tuple[str, Any]] = [("data.velocity", fit.data.velocity)]
         if not fit.data.observed:
-            columns += [(name, getattr(fit, name)) for name in ("status", *OF_POINTS)]
+            columns += [(name, getattr(fit, name)) for name in ("status", "standardised")]
         tables: list[tuple[str, Mapping[str, Any]]] = [("values", fit.values)]
         tables += [(f"data.bodies[{k}]", body) for k, body in enumerate(fit.data.bodies)]
         for place, table in tables:

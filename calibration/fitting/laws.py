@@ -82,7 +82,7 @@ class LawModel:
     key: str  # its name in files: that of `LAWS`, else the class's or function's own
     # build(contact=…, **parameters, **options), without the contact where it takes none
     build: Callable[..., sj.ContactLaw]
-    law_type: type  # the class of what it builds
+    law_type: type[sj.ContactLaw]  # the class of what it builds
     parameters: Mapping[str, Declared]  # what is known of each parameter, by name
     defaults: Mapping[str, Any]  # of fields or arguments that have one
     options: Mapping[str, Any]  # its options in words, with their values
@@ -100,11 +100,6 @@ class LawModel:
 
     def __hash__(self) -> int:
         return hash(self._identity)
-
-    @property
-    def needs_contact(self) -> bool:
-        """Whether it cannot do without: laws without a force can."""
-        return self.takes_contact and not issubclass(self.law_type, sj.HardSphereLaw)
 
     @property
     def label(self) -> str:
@@ -185,20 +180,26 @@ def model_of(
     Args:
         given: the options that are stated.
     """
-    every: dict[str, Any]
+    arguments = inspect.signature(build).parameters
+    defaults = {n: a.default for n, a in arguments.items() if a.default is not a.empty}
+    options: dict[str, Any]
     if isinstance(build, type):
-        every = {f.name: f.default for f in dataclasses.fields(build)}
-        missing: Any = dataclasses.MISSING
-        options: dict[str, Any] = _options(build, key, given)
-        law_type, arrays = build, shared_fields(build)
+        options, law_type, arrays = _options(build, key, given), build, shared_fields(build)
         names = [*declarations(build), *arrays]
     else:
-        every, missing = _arguments(build, key), inspect.Parameter.empty
-        options = {n: v for n, v in every.items() if isinstance(v, str | bool)} | dict(given)
-        names = [name for name in every if name != "contact" and name not in options]
-        ones = {name: 1.0 if every[name] is missing else every[name] for name in names}
+        odd = [
+            n
+            for n, a in arguments.items()
+            if a.kind not in (a.POSITIONAL_OR_KEYWORD, a.KEYWORD_ONLY)
+        ]
+        if odd:
+            argument = f"{key} with the argument {odd[0]}"
+            raise DataError("law", argument, "a function of named arguments")
+        options = {n: v for n, v in defaults.items() if isinstance(v, str | bool)} | dict(given)
+        names = [name for name in arguments if name != "contact" and name not in options]
+        ones = {name: defaults.get(name, 1.0) for name in names}
         arrays = tuple(name for name, value in ones.items() if np.ndim(value))
-        bodies = {"contact": contact} if "contact" in every else {}
+        bodies = {"contact": contact} if "contact" in arguments else {}
         with jax.enable_x64(True):
             law = jax.eval_shape(lambda some: build(**some, **options), bodies | ones)
         if not isinstance(law, sj.ContactLaw):
@@ -210,22 +211,12 @@ def model_of(
         build,
         law_type,
         {name: declared.get(name, Declared(name)) for name in names},
-        {name: every[name] for name in names if every[name] is not missing},
+        {name: defaults[name] for name in names if name in defaults},
         options,
         arrays,
-        takes_contact="contact" in every,
+        takes_contact="contact" in arguments,
         direct=isinstance(build, type),
     )
-
-
-def _arguments(build: Callable[..., Any], key: str) -> dict[str, Any]:
-    """The arguments of a function, with their defaults."""
-    arguments = inspect.signature(build).parameters
-    kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    odd = [name for name, argument in arguments.items() if argument.kind not in kinds]
-    if odd:
-        raise DataError("law", f"{key} with the argument {odd[0]}", "a function of named arguments")
-    return {name: argument.default for name, argument in arguments.items()}
 
 
 def _options(law: type, key: str, given: Mapping[str, str]) -> dict[str, str]:

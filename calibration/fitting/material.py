@@ -120,8 +120,7 @@ class Goodness:
         noise_family: distribution of the errors.
         noise_dof: degrees of freedom of Student's t; None for normal errors.
         outliers: the points beyond what the noise explains, the farthest first.
-        standardised, leverage: of each point: residuals over their standard deviations, and how many
-            parameters it pays for.
+        standardised: residuals over their standard deviations, of each point.
         residual_degrees: degrees of freedom of the residuals.
         group_offsets: by label of the group its offset and the standard error of that, the curve
             held fixed; the largest first. Empty without groups; relative but for ε.
@@ -135,7 +134,6 @@ class Goodness:
     noise_dof: float | None = None
     outliers: tuple[Outlier, ...] = ()
     standardised: tuple[float, ...] = field(default=(), repr=False)
-    leverage: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
     group_offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 

@@ -10,7 +10,7 @@ simulated data sets. Each has its own z, and may have its own values and counts 
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -232,6 +232,8 @@ class Problem:
     inside: Any = 0.0
     # z₀ and c of a term c · (z - z₀) of the cost, along the active elements
     pull: tuple[np.ndarray, np.ndarray] | None = None
+    # how many Jacobians were computed, of this and of all problems that are made of it
+    evaluated: list[int] = field(default_factory=lambda: [0])
 
     @property
     def with_prior(self) -> list[int]:
@@ -406,6 +408,7 @@ class Problem:
     def _linearised(self, z: Z, lanes: Lanes, slopes: bool) -> Linear:
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
         active = self.active if slopes else self.active[:0]
+        self.evaluated[0] += slopes * len(z)
         curve, per, status = self._curve(theta, per_z, active, lanes)
         off = curve.mean - self._measured(lanes)
         copies = np.broadcast_to(

@@ -218,12 +218,13 @@ def _check_law(data: RestitutionData, model: LawModel, objective: str, noise: st
     if noise != "normal" and Errors.of(data).shares:
         accepted = '"normal" where points share errors (groups, bounce sequences)'
         raise DataError("noise", noise, accepted)
-    if model.needs_contact and data.contact is None:
+    by_force = not issubclass(model.law_type, sj.HardSphereLaw)
+    if model.takes_contact and by_force and data.contact is None:
         advice = f"laws that need none are {listed(WITHOUT_CONTACT)}"
         raise data.refusal(f"no elastic properties, which {model.key} needs", advice)
     if names and objective == "two-step":
         raise DataError("objective", f"two-step with {names}", "model, which takes all of them")
-    if names and issubclass(model.law_type, sj.HardSphereLaw):
+    if names and not by_force:
         refused = f"{names}, of which {model.key} determines nothing"
         raise data.refusal(refused, "a law with a contact force")
     if objective == "two-step" and model.key != "zhou":
@@ -283,12 +284,17 @@ def _elements(data, model: LawModel, known: Start, stated: Mapping[str, Paramete
     for name in dict.fromkeys([*model.parameters, *stated]):
         parameter = stated.get(name)
         if name in model.arrays:
-            if parameter is not None:
-                trees.append(_tree(name, parameter))
-                local += _entries(trees[-1], parameter)
-            elif name not in model.defaults:
+            if parameter is None and name not in model.defaults:
                 accepted = "given, as the law has no default"
                 raise DataError(f"parameters[{name!r}]", "missing", accepted)
+            if parameter is not None:  # each of its numbers is a parameter of its own
+                if parameter.value is None:
+                    accepted = "an array or a pytree of them, where a search starts"
+                    raise placed(parameter, name, DataError("value", "missing", accepted))
+                trees.append(Tree.of(name, parameter.value))
+                one = Parameter(free=parameter.free, shared=parameter.shared)
+                numbers = zip(trees[-1].entries, numbers_in(parameter.value), strict=True)
+                local += [Element(n, one, Declared(n), float(x), WIDE) for n, x in numbers]
             continue
         stands_in = name == "psi" and "eps_up" in model.parameters and parameter is None
         if parameter is None:
@@ -326,20 +332,6 @@ def _start(data, model: LawModel, name: str, parameter: Parameter, guess, low, h
     if np.isfinite(low):
         return 0.5 * (low + high) if np.isfinite(high) else low + max(abs(low), 1.0)
     return high - max(abs(high), 1.0) if np.isfinite(high) else 1.0
-
-
-def _tree(name: str, parameter: Parameter) -> Tree:
-    if parameter.value is None:
-        error = DataError("value", "missing", "an array or a pytree of them, where a search starts")
-        raise placed(parameter, name, error)
-    return Tree.of(name, parameter.value)
-
-
-def _entries(tree: Tree, parameter: Parameter) -> Iterator[Element]:
-    """The numbers of an array, each a parameter of its own."""
-    one = Parameter(free=parameter.free, shared=parameter.shared)
-    for entry, value in zip(tree.entries, numbers_in(parameter.value), strict=True):
-        yield Element(entry, one, Declared(entry), float(value), WIDE)
 
 
 def assemble(request: Request) -> list[Component]:

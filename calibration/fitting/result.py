@@ -47,6 +47,7 @@ from calibration.output import replacing, write_text
 Progress = Callable[..., None]  # called as progress(stage, done, total)
 PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
 KINDS = ("mean", "prediction")
+_version = cache(importlib.metadata.version)
 
 
 def _of_each(name: str, doc: str) -> Any:
@@ -500,7 +501,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         freedoms=tuple(f.uncertainty.freedom.physical(f.slope, f.uncertainty.whole) for f in fits),
         settings=_settings(request, fits),
         versions={name: _version(name) for name in PACKAGES},
-        times={stage.report.label: stage.seconds for stage in stages},
+        times={"searches": sum(stage.seconds for stage in stages)},
         pooled=pooled,
         fits=tuple(fits),
     )
@@ -514,11 +515,6 @@ def _covariances(fits: list[ComponentFit]):
     covariance = both * block_diag(*(np.nan_to_num(fit.uncertainty.covariance) for fit in fits))
     covariance[~known], covariance[:, ~known] = np.nan, np.nan
     return names, covariance, both * block_diag(*(fit.uncertainty.of_predictions for fit in fits))
-
-
-@cache
-def _version(package: str) -> str:
-    return importlib.metadata.version(package)
 
 
 def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:

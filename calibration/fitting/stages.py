@@ -3,8 +3,7 @@
 import math
 import time
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -26,7 +25,7 @@ from calibration.fitting.search import (
     guided_search,
     search,
 )
-from calibration.fitting.uncertainty import RANK_TOLERANCE, Uncertainty, uncertainty_of
+from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
     first_variances,
     have_settled,
@@ -137,11 +136,6 @@ class Stage:
     reason: str
     starts: int
 
-    @property
-    def label(self) -> str:
-        """Name under which the time of the stage is stored: "model[nylon]"."""
-        return f"{self.stage}[{', '.join(self.materials)}]"
-
 
 @dataclass(frozen=True)
 class StageFit:
@@ -163,29 +157,21 @@ class StageFit:
         return self.ends.limits[0]
 
 
-def run_stage(
-    name: str, problem: Problem, z: np.ndarray, options: FitOptions, weigh: bool = True
-) -> StageFit:
-    """Minimise from the best starts, and settle what depends on where that is.
-
-    Args:
-        weigh: whether variances are found here; else points weigh as they do.
-    """
-    begun = time.perf_counter()
-    problem = first_variances(problem, z) if weigh else problem
-    unsettled = weigh and needs_variances(problem)
+def run_stage(name: str, problem: Problem, z: np.ndarray, options: FitOptions) -> StageFit:
+    """Minimise from the best starts, and settle what depends on where that is."""
+    begun, evaluated = time.perf_counter(), problem.evaluated[0]
+    problem = first_variances(problem, z)
+    unsettled = needs_variances(problem)
     ends, branches, alone = _searched(problem, z, options)
     problem, best, others = held_at(problem, ends[0].z[0]), ends[0], ends[1:]
-    evaluations = sum(end.evaluations for end in ends)
     if unsettled:
-        best, others, problem, more = _lowest(problem, _minima(ends), options)
-        evaluations += more
+        problem, best, *others = _lowest(problem, _minima(ends), options)
         is_scaled = problem.transform.kind != NONE
         if np.any(np.abs(best.z[0] - z)[is_scaled] > RUN_OUT):
             # while variances were large a loss might go to nothing, and is too flat there to come back
             again = search(held_at(problem, z), z[None], options.optimiser, limit=options.max_steps)
-            best, higher, problem, more = _lowest(problem, [best, again], options)
-            others, evaluations = [*others, *higher], evaluations + again.evaluations + more
+            problem, best, higher = _lowest(problem, [best, again], options)
+            others.append(higher)
             if branches is not None:
                 _, branches = _along_branches(problem, best.z, options)
     if unsettled and branches is not None:
@@ -195,15 +181,15 @@ def run_stage(
             if np.min(branches.cost) >= best.cost[0] * (1 - CHANGED):
                 break
             (again,), branches = _along_branches(problem, lowest, options)
-            best, problem, more = settle(held_at(problem, again.z[0]), again, options)
-            evaluations += more
-    norm = float(best.gradient_norm[0])
+            problem, best = settle(held_at(problem, again.z[0]), again, options)
+    norm, law = float(best.gradient_norm[0]), problem.laws.model.law_type
+    route = law.default_route() if problem.route is None else problem.route
     report = Stage(
         stage=name,
         materials=tuple(data.name for data in problem.datasets),
         optimiser=OPTIMISERS[options.optimiser],
-        route=route_name(problem),
-        evaluations=evaluations,
+        route="closed form" if issubclass(law, sj.HardSphereLaw) else route.name,
+        evaluations=problem.evaluated[0] - evaluated,
         iterations=int(best.iterations[0]),
         gradient_norm=norm if np.isfinite(norm) else None,
         cost=float(best.cost[0]),
@@ -211,7 +197,7 @@ def run_stage(
         reason=str(best.reason[0]),
         starts=options.starts if len(problem.active) else 1,
     )
-    if weigh and not unsettled and any(errors.unknown for errors in problem.errors):
+    if not unsettled and any(errors.unknown for errors in problem.errors):
         problem, best = _in_units(problem, best)
     return StageFit(
         problem,
@@ -281,21 +267,18 @@ def _as_starts(problem: Problem, end: Ends) -> Places:
 
 
 def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Ends]:
-    """Ends of searches from each start, as one batch, the best first; what all took is counted with one."""
+    """Ends of searches from each start, as one batch, the best first."""
     batch = guided_search(problem, starts, optimiser, limit=limit)
-    ends = [batch.some(slice(k, k + 1)) for k in range(len(starts))]
-    return sorted([ends[0], *(end._replace(evaluations=0) for end in ends[1:])], key=_rank)
+    return sorted((batch.some(slice(k, k + 1)) for k in range(len(starts))), key=_rank)
 
 
 def _of_all(problem: Problem, end: Ends, options: FitOptions) -> Ends:
     """Where all points have the minimum that neighbourhoods have at the end of a search."""
-    evaluations, limit, optimiser = end.evaluations, options.max_steps, options.optimiser
+    limit = options.max_steps
     for _ in range(CLOSER):
         few = condensed(problem, end.z[0])
         end = search(few, end.z, begun=end.begun, limit=limit, releases=0)
-        evaluations += end.evaluations
-    end = search(problem, end.z, optimiser, begun=end.begun, limit=limit, releases=0)
-    return end._replace(evaluations=evaluations + end.evaluations)
+    return search(problem, end.z, options.optimiser, begun=end.begun, limit=limit, releases=0)
 
 
 def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions):
@@ -379,52 +362,35 @@ def _in_units(problem: Problem, end: Ends) -> tuple[Problem, Ends]:
     return problem, end._replace(cost=scale * end.cost, gradient_norm=norm)
 
 
-def _lowest(problem: Problem, ends: list[Ends], options: FitOptions):
-    """Each minimum with its own variances settled: the one of the highest likelihood, the others,
-    the problem there, and the evaluations."""
+def _lowest(problem: Problem, ends: list[Ends], options: FitOptions) -> tuple[Any, ...]:
+    """The problem and the end of the highest likelihood, each with its own variances settled; then the others."""
     settled = [settle(held_at(problem, end.z[0]), end, options) for end in ends]
-    likely = [_minus_two_log(problem, end) for end, problem, _ in settled]
-    best = int(np.argmin([float(f"{value:.9g}") for value in likely]))
-    evaluations = sum(more for *_, more in settled)
-    end, problem, _ = settled.pop(best)
-    others = [other for other, *_ in settled]
-    return end, others, problem, evaluations
+    (problem, best), *others = sorted(settled, key=lambda each: _minus_two_log(*each))
+    return problem, best, *(end for _, end in others)
 
 
 def _minus_two_log(problem: Problem, end: Ends) -> float:
-    """-2 ln p(data | θ, s) p(θ) where a search ended."""
+    """-2 ln p(data | θ, s) p(θ) where a search ended, to nine digits."""
     linear = problem.linearise(end.z, slopes=False)
     priors = linear.residual[:, problem.count : linear.residual.shape[1] - problem.more]
     spreads = sum(2 * len(pool.members) * np.log(pool.spread) for pool in problem.pools)
-    return float(problem.deviance(end.z)[0] + np.sum(priors**2) + spreads)
+    return float(f"{problem.deviance(end.z)[0] + np.sum(priors**2) + spreads:.9g}")
 
 
 def settle(problem: Problem, end: Ends, options: FitOptions, restricted: bool = True):
-    """Search again until the variances are those of where the search ends: (found, problem, evaluations)."""
-    evaluations = 0
+    """Search again until the variances are those of where the search ends: the problem, and the end."""
     for _ in range(ROUNDS):
         adapted = renewed(problem, end.z[0], restricted)
         if have_settled(adapted, problem):
-            return end, problem, evaluations
+            return problem, end
         problem = adapted
         optimiser, most = options.optimiser, options.max_steps
         # what is at an end of its range stays there: it was looked at when the search arrived
         again = search(problem, end.z, optimiser, begun=end.begun, limit=most, releases=0)
-        evaluations += again.evaluations
         end = again._replace(iterations=end.iterations + again.iterations)
     if not have_settled(renewed(problem, end.z[0], restricted), problem):
         end = end._replace(converged=np.array([False]), reason=np.array([UNSETTLED]))
-    return end, problem, evaluations
-
-
-def route_name(problem: Problem) -> str:
-    """Name of the route from the problem's laws to ε."""
-    law = problem.laws.model.law_type
-    if issubclass(law, sj.HardSphereLaw):
-        return "closed form"
-    if problem.route is not None:
-        return problem.route.name
-    return law.default_route().name if issubclass(law, sj.ContactLaw) else sj.EnergyBalance.name
+    return problem, end
 
 
 @dataclass(frozen=True)
@@ -462,14 +428,6 @@ class ComponentFit:
         """
         return np.where(self.uncertainty.limits != 0, self.component.start, np.nan)
 
-    @cached_property
-    def seen(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sizes of the Jacobian's columns, and of those scaled to one the directions that show."""
-        rows = self.final.problem.linearise(self.z[None]).jacobian[0]
-        size = np.maximum(np.linalg.norm(rows, axis=0), TINY)
-        _, singular, directions = np.linalg.svd(rows / size, full_matrices=False)
-        return size, directions[singular > RANK_TOLERANCE * np.max(singular, initial=0.0)]
-
     @property
     def is_likelihood(self) -> bool:
         """Whether what was minimised is a likelihood: one stage."""
@@ -487,13 +445,9 @@ def fitted(request: Request) -> list[ComponentFit]:
 
 def fit_component(component: Component, options: FitOptions) -> ComponentFit:
     """Run the stages, each from where the one before it ended."""
-    z = component.start
-    fits: list[StageFit] = []
+    z, fits = component.start, list[StageFit]()
     for name, problem in component.stages:
-        if not fits:
-            fits.append(run_stage(name, problem, z, options))
-        else:
-            fits.append(run_stage(name, _after(fits[0], problem), z, options, weigh=False))
+        fits.append(run_stage(name, _after(fits[0], problem) if fits else problem, z, options))
         z = fits[-1].z
     ends = [(stage.problem, stage.limits) for stage in fits]
     return ComponentFit(component, tuple(fits), z, uncertainty_of(ends, z))
@@ -517,31 +471,20 @@ NO_NOISE = 1e-10  # rms of ε below which there is no noise to speak of
 
 @dataclass(frozen=True)
 class Likelihood:
-    """ln L at its maximum, and what Akaike's and Schwarz's criteria take of it.
+    """ln L at its maximum, and what follows from it.
 
     Attributes:
         log: ln L, parameters and unknown variances where it is largest.
         fitted: how many numbers were fitted, those variances among them.
         points: how many points.
+        aic, bic: Akaike's and Schwarz's criteria.
     """
-
-    __pydantic_config__: ClassVar = {"extra": "ignore"}  # what files hold besides
 
     log: float
     fitted: int
     points: int
-
-    @property
-    def aic(self) -> float:
-        return 2 * self.fitted - 2 * self.log
-
-    @property
-    def bic(self) -> float:
-        return self.fitted * math.log(self.points) - 2 * self.log
-
-    def to_dict(self) -> dict[str, float]:
-        """Contents of `fit.json` about this stage."""
-        return {**vars(self), "aic": self.aic, "bic": self.bic}
+    aic: float
+    bic: float
 
 
 def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood | None:
@@ -555,7 +498,7 @@ def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood |
             return None
         problem, end = fit.final.problem, fit.final.ends
         if needs_variances(problem) and end.converged[0]:
-            end, problem, _ = settle(problem, end, options, restricted=False)
+            problem, end = settle(problem, end, options, restricted=False)
         else:
             problem = renewed(problem, fit.z, restricted=False)
         unknown = sum(len(errors.unknown) for errors in problem.errors)
@@ -563,4 +506,5 @@ def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood |
             return None
         log -= 0.5 * float(problem.deviance(end.z)[0])
         fitted, points = fitted + len(fit.z) + unknown, points + problem.count
-    return Likelihood(log, fitted, points)
+    aic, bic = 2 * fitted - 2 * log, fitted * math.log(points) - 2 * log
+    return Likelihood(log, fitted, points, aic, bic)

@@ -11,11 +11,12 @@ import softjax as sj
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eq_17, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
+from calibration.fitting.methods import TINY
 from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted
-from calibration.fitting.uncertainty import NULL_SHARE, leverages, quantile
+from calibration.fitting.uncertainty import NULL_SHARE, RANK_TOLERANCE, leverages, quantile
 from calibration.fitting.warnings import FitWarning
 from calibration.fitting.warnings_of import Found, of_component, of_set, raised
 from calibration.observables import RESTITUTION
@@ -184,7 +185,6 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         noise_dof=None if dof is None else float(dof),
         outliers=tuple(outliers),
         standardised=tuple(map(float, linear.residual[0, : problem.count][span] / allowed)),
-        leverage=tuple(map(float, leverage)),
         residual_degrees=left,
         group_offsets=offsets,
     )
@@ -252,7 +252,10 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
             gradient[k] = (8 * (up - down) - (far_up - far_down)) / (12 * DIFFERENCE * scale)
     acting = (gradient != 0) & (fit.uncertainty.limits == 0)
     whole = fit.uncertainty.covariance
-    size, seen = fit.seen
+    rows = fit.final.problem.linearise(fit.z[None]).jacobian[0]
+    size = np.maximum(np.linalg.norm(rows, axis=0), TINY)
+    _, singular, directions = np.linalg.svd(rows / size, full_matrices=False)
+    seen = directions[singular > RANK_TOLERANCE * np.max(singular, initial=0.0)]
     way = gradient[fit.final.problem.active] / size
     hidden = np.linalg.norm(way - seen.T @ (seen @ way))
     if fit.is_likelihood and hidden <= NULL_SHARE * np.linalg.norm(way):  # along no null direction

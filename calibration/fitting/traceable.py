@@ -289,9 +289,9 @@ def problem(
 def traceable(request: Request) -> Traceable:
     """The traceable problem of a fit's request."""
     with jax.enable_x64(True):
-        if any(spec.objective != "model" for spec in request.specs()):
-            raise DataError("objective", "two-step", "model, which has a likelihood")
         components = assemble(request)
+    if any(spec.objective != "model" for component in components for spec in component.specs):
+        raise DataError("objective", "two-step", "model, which has a likelihood")
     sets = _named(components)
     noises = tuple(label for block in sets for label in block.labels.values())
     elements = [e for component in components for e in component.elements]

@@ -190,20 +190,15 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarnin
         pair = [places["sigma"], places["psi"]]
         errors = fit.uncertainty.errors[pair]
         labels = [fit.component.elements[k].label for k in pair]
-        wide = [_is_wide(curves[label]) for label in labels if label in curves]
-        if not np.max(errors) <= SEPARATE or any(wide):
+        ends = [(curves[n].low or 0.0, curves[n].high or np.inf) for n in labels if n in curves]
+        # open on a side, or as wide as 4 standard errors
+        is_wide = any(low <= 0 or np.log(high / low) > 4 * SEPARATE for low, high in ends)
+        if is_wide or not np.max(errors) <= SEPARATE:
             cause = f"the standard error of ln sigma is {errors[0]:.2g}"
             if not np.isfinite(errors[0]):
                 cause = "only one combination of sigma and psi shows"
             found.append(FitWarning("sigma-psi-not-separate", cause, spec.data.name))
     return found
-
-
-def _is_wide(profile: Profile) -> bool:
-    """An interval open on a side, or as wide as 4 standard errors of `SEPARATE` log units."""
-    if profile.low is None or profile.high is None or profile.low <= 0:
-        return True
-    return bool(np.log(profile.high / profile.low) > 4 * SEPARATE)
 
 
 def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]):

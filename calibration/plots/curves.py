@@ -11,7 +11,7 @@ from matplotlib.ticker import EngFormatter, NullFormatter
 
 import softjax as sj
 from calibration.errors import DataError
-from calibration.fitting.curves import distinct_impacts, of_each_impact, of_impact, yield_velocity
+from calibration.fitting.curves import distinct_impacts, of_impact, yield_velocity
 from calibration.fitting.laws import eq_17
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.options import LAWS
@@ -299,7 +299,7 @@ def _curve(entry: Any) -> tuple[np.ndarray, np.ndarray]:
     """Velocities and ε, NaN where not determined or 0; at the impacts alone where bodies differ."""
     fit = entry.result.material()
     velocity = fit.data.velocity
-    if not of_each_impact(fit):
+    if not distinct_impacts(fit):
         spaced = np.geomspace if style.spans_decades(velocity) else np.linspace
         velocity = spaced(np.min(velocity), np.max(velocity), FINE)
     velocity, value = _sorted(velocity, entry.result.band(velocity).coefficient)

@@ -279,7 +279,7 @@ RESULTS = {
     "rms: 10**400": ("fit.json", "fits[0].rms|finite number", "fits.0.rms", 10**400),
     "rms: True": ("fit.json", "fits[0].rms|number", "fits.0.rms", True),
     "variances group: -1e-4": ("fit.json", "fits[0].variances.group|-0.0001", "fits.0.variances.group", -1e-4),
-    "leverage: [0.1]": ("fit.json", "fits[0].leverage|1|8", "fits.0.leverage", [0.1]),
+    "standardised: [0.1]": ("fit.json", "fits[0].standardised|1|8", "fits.0.standardised", [0.1]),
     "labels: {'x': 'y'}": ("fit.json", "fits[0].labels|x", "fits.0.labels", {"x": "y"}),
     "law: os.system": ("law", "os.system|law", "fits.0.law", "os.system"),
     "known: [1]": ("fit.json", "fits[0].known|1", "fits.0.known", [1]),

@@ -81,7 +81,6 @@ class Prior(NamedTuple):
     in_z: bool
     centre: float
     spread: float
-    stated: bool = False
 
 
 class Pool(NamedTuple):
@@ -158,7 +157,7 @@ class Density:
     @property
     def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Whether each prior is in z, its centre and its spread."""
-        _, _, in_z, centre, spread, _ = map(np.array, zip(*self.priors, strict=True))
+        _, _, in_z, centre, spread = map(np.array, zip(*self.priors, strict=True))
         return in_z, centre, spread
 
     def at(self, u: Array) -> tuple[dict[str, Array], Array, Array]:
@@ -274,8 +273,9 @@ def _of_element(element: Element, kind: int) -> Prior:
     if element.parameter.prior is not None or kind == NONE:
         wide = start, WIDE * max(abs(start), 1.0)
         mean, deviation = element.parameter.prior or wide
-        text = f"normal, {number(mean)} ± {number(deviation)}"
-        return Prior(label, text, False, mean, deviation, element.parameter.prior is not None)
+        stated = "" if element.parameter.prior is None else ", stated"
+        text = f"normal, {number(mean)} ± {number(deviation)}{stated}"
+        return Prior(label, text, False, mean, deviation)
     if kind == LOGIT:
         return Prior(label, f"uniform, {number(low)} to {number(high)}", False, 0.0, math.inf)
     weak = OF_BODIES if element.name.startswith(OF_CONTACT) else FACTOR

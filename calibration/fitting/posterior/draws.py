@@ -89,7 +89,16 @@ def sampled(
         density = density_of(problem).straightened(_found(result, problem))
         starts = np.random.default_rng(seed).standard_normal((chains, len(density.labels)))
         position, statistics = _chains(density, starts, draws, warmup, seed, progress)
-        return _as_data(density, position, statistics, seed, _about(density, seed, warmup))
+        priors = {prior.label: prior.text for prior in density.priors}
+        about = {
+            "inference_library": "blackjax",
+            "inference_library_version": importlib.metadata.version("blackjax"),
+            "sampler": "NUTS",
+            "seed": seed,
+            "warmup": warmup,
+            "priors": json.dumps(priors, ensure_ascii=False),
+        }
+        return _as_data(density, position, statistics, about)
 
 
 def _found(result: Any, problem: Traceable) -> dict[str, float]:
@@ -161,22 +170,7 @@ def _chains(
     return jax.tree.map(lambda *every: np.stack(every), *(future.result() for future in running))
 
 
-def _about(density: Density, seed: int, warmup: int) -> dict[str, Any]:
-    """Attributes of the posterior: settings of the sampler."""
-    versions = {name: importlib.metadata.version(name) for name in ("blackjax", "arviz", "jax")}
-    priors = {prior.label: prior.text for prior in density.priors}
-    return {
-        "inference_library": "blackjax",
-        "inference_library_version": versions["blackjax"],
-        "sampler": "NUTS",
-        "seed": seed,
-        "warmup": warmup,
-        "priors": json.dumps(priors, ensure_ascii=False),
-        "versions": json.dumps(versions),
-    }
-
-
-def _as_data(density: Density, position, statistics, seed: int, about: Mapping[str, Any]) -> Any:
+def _as_data(density: Density, position, statistics, about: Mapping[str, Any]) -> Any:
     """Posterior, log likelihood of each point, predictions, statistics, measurements.
 
     In the statistics lp = ln p(data | θ) + log_prior + log_jacobian is the density that was sampled,
@@ -211,7 +205,7 @@ def _as_data(density: Density, position, statistics, seed: int, about: Mapping[s
         }
 
     flat, shape = position.reshape(-1, position.shape[-1]), position.shape[:2]
-    keys = jax.random.split(jax.random.key(seed), len(flat))
+    keys = jax.random.split(jax.random.key(about["seed"]), len(flat))
     size = max(min(AT_ONCE, IMPACTS // len(value)), 1)
     of_draws = density.jitted(lambda *some: jax.lax.map(at_draw, some, batch_size=size))
     results = of_draws(flat, keys)
@@ -241,7 +235,7 @@ def _variables(density: Density, drawn: Mapping[str, Any]) -> dict[str, Any]:
     for k, prior in enumerate(density.priors):
         about = {
             "unit": units.get(prior.label, UNITS.get(prior.label.partition("[")[0], "-")),
-            "prior": f"{prior.text}, stated" if prior.stated else prior.text,
+            "prior": prior.text,
             "lower": float(transform.lower[k]),
             "upper": float(transform.upper[k]),
         }
