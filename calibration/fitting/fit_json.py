@@ -307,47 +307,30 @@ def _no_result(path: str | Path, error: DataError) -> InputError:
 
 
 def _check(file: ResultFile) -> None:
-    """Refuse numbers of entries that do not go together.
+    """Refuse labels without a value or a row of the covariance, and matrices of other sizes.
 
     Raises:
         DataError: naming the place, what stands there and what is accepted.
     """
     names, count = file.covariance.names, len(file.covariance.names)
-    materials = [fit.material for fit in file.fits]
-    for place, values in (("covariance.names", names), ("fits.material", materials)):
-        if len(set(values)) != len(values):
-            raise DataError(place, values, "each name once")
-    level = file.request.options.get("confidence")
-    if file.confidence != level:
-        raise DataError("confidence", file.confidence, f"{level}, as request.options.confidence")
     lengths: list[tuple[str, Any, int]] = [
         ("request.parameters", file.request.parameters, len(file.fits)),
         ("covariance.matrix", file.covariance.matrix, count),
         ("covariance_of_predictions", file.covariance_of_predictions, count),
         ("freedom.labels", [name for entry in file.freedom for name in entry.labels], count),
     ]
+    for i, entry in enumerate(file.freedom):
+        for name in ("parts", "relative", "sets"):
+            lengths.append((f"freedom[{i}].{name}", getattr(entry, name), len(entry.names)))
+        lengths += [(f"freedom[{i}].parts", part, len(entry.labels)) for part in entry.parts]
+    for place, values, expected in lengths:
+        if len(values) != expected:
+            raise DataError(place, f"of {len(values)}", f"of {expected}")
     for i, fit in enumerate(file.fits):
-        columns: list[tuple[str, Any]] = [("data.velocity", fit.data.velocity)]
-        if not fit.data.observed:
-            columns += [(name, getattr(fit, name)) for name in ("status", "standardised")]
-        tables: list[tuple[str, Mapping[str, Any]]] = [("values", fit.values)]
-        tables += [(f"data.bodies[{k}]", body) for k, body in enumerate(fit.data.bodies)]
-        for place, table in tables:
-            columns += [(f"{place}.{k}", v) for k, v in table.items() if isinstance(v, list)]
-        lengths += [(f"fits[{i}].{place}", column, fit.n) for place, column in columns]
-        lengths += [(f"fits[{i}].data.bodies", fit.data.bodies, 2)] * bool(fit.data.bodies)
         for name, label in fit.labels.items():
             if not isinstance(fit.values.get(name), float) or label not in names:
                 accepted = "of values and covariance.names"
                 raise DataError(f"fits[{i}].labels", f"{name}: {label}", accepted)
-    for i, entry in enumerate(file.freedom):
-        for name in ("parts", "relative", "sets"):
-            lengths.append((f"freedom[{i}].{name}", getattr(entry, name), len(entry.names)))
-        for k, part in enumerate(entry.parts):
-            lengths.append((f"freedom[{i}].parts[{k}]", part, len(entry.labels)))
-    for place, values, expected in lengths:
-        if len(values) != expected:
-            raise DataError(place, f"of {len(values)}", f"of {expected}")
 
 
 def _by_names(record: type[Strict], thing: Any, **table: Any) -> dict[str, Any]:
