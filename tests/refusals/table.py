@@ -285,7 +285,7 @@ RESULTS = {
     "known: [1]": ("fit.json", "fits[0].known|1", "fits.0.known", [1]),
     "material: long": ("fit.json", "fits[0].material|xxx", "fits.0.material", "x" * 10_000),
     "confidence: 5": ("fit.json", "confidence|5|less than 1", "confidence", 5),
-    "request confidence: 5": ("fit.json", "request.options.confidence|5", "request.options.confidence", 5),
+    "request confidence: 5": ("fit.json", "confidence|5|less than 1", "request.options.confidence", 5),
     "request route: {'name': 'rk4'}": ("fit.json", "route|rk4|a name", "request.options.route", "rk4"),
     "request route: {'name': 'energy bal": ("fit.json", "rtol|less than or equal to 0.1", "request.options.rtol", 1),
     "freedom 0 relative 0 0: -1e-3": ("fit.json", "freedom[0].relative|variance", "freedom.0.relative.0.0", -1e-3),
