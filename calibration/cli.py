@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _outcome(error: BaseException) -> tuple[str, int]:
-    """What is said of an error, with its trace if it is not a refusal, and the exit code."""
+    """The message and the exit code of an error; prints its trace if it is not a refusal."""
     softjax = sys.modules.get("softjax")  # not imported for this
     refusals = (InputError, DataError, *([softjax.ArgumentError] if softjax else []))
     if isinstance(error, refusals):

@@ -1,7 +1,7 @@
 """Refusals of input: what is wrong, what is accepted, and where it stands."""
 
 import difflib
-import math
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,10 +32,8 @@ class InputError(ValueError):
         return "\n".join([self._line(), *map(str, self.others)])
 
     def _line(self) -> str:
-        place = [str(part) for part in (self.file, self.line) if part is not None]
-        text = f"{self.problem}; {self.accepted}"
-        text = f"{':'.join(place)}: {text}" if place else text
-        return printable(" ".join(text.split()))
+        place = "".join(f"{part}:" for part in (self.file, self.line) if part is not None)
+        return printable(" ".join(f"{place} {self.problem}; {self.accepted}".split()))
 
 
 class DataError(ValueError):
@@ -108,8 +106,9 @@ class Origin:
 
 def shown(value: Any) -> str:
     """A value as one short line."""
-    text = value if isinstance(value, str) else _plain(value)
-    text = printable(" ".join(text[:1000].split()))
+    if not isinstance(value, str):
+        value = f"{value:.10g}" if isinstance(value, float) else repr(value)
+    text = printable(" ".join(value[:1000].split()))
     return text if len(text) <= 80 else text[:77] + "..."
 
 
@@ -126,12 +125,8 @@ def printable(text: str) -> str:
 
 def is_finite_number(value: Any) -> bool:
     """Whether a value is a finite real number (no truth value, no whole number beyond floats)."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
+    is_real = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_real and abs(value) <= sys.float_info.max
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -143,10 +138,3 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def listed(names: Iterable[str]) -> str:
     return ", ".join(names)
-
-
-def _plain(value: Any) -> str:
-    try:
-        return f"{value:.10g}" if isinstance(value, float) else repr(value)
-    except ValueError:  # Python writes no more than 4300 digits
-        return f"{type(value).__name__} of too many digits"

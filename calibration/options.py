@@ -7,8 +7,8 @@ is one field here, and the line that uses it.
 
 import argparse
 import inspect
-import math
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
@@ -64,13 +64,11 @@ def checked_law(law: Any) -> Any:
 def _check_route(route: Any) -> Any:
     """A route without settings becomes its name."""
     name = route.replace("-", " ") if isinstance(route, str) else getattr(route, "name", None)
-    if route is None or (isinstance(route, str) and name in ROUTES):
-        return name
-    if name not in ROUTES or isinstance(route, str):
+    if route is not None and name not in ROUTES:
         routes = "softjax.EnergyBalance(), softjax.ClosedForm(), softjax.ODE(...), or a name"
         near = did_you_mean(route, ROUTES) if isinstance(route, str) else ""
         raise DataError("route", route, f"{routes}: {listed(ROUTES)}{near}")
-    return route if name == "ode" else name
+    return route if name == "ode" and route != "ode" else name
 
 
 def route_named(name: str, **settings: Any) -> Any:
@@ -84,13 +82,10 @@ def _check_dof(dof: Any) -> Any:
     """ν of Student's t: a number, also as the text of one, or "estimate"."""
     if dof == "estimate":
         return dof
-    try:
-        number = math.nan if isinstance(dof, bool) else float(dof)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not DOF[0] <= number <= DOF[1]:
-        raise DataError("noise_dof", dof, f'{DOF[2]}, or "estimate"')
-    return number
+    with suppress(TypeError, ValueError):
+        if not isinstance(dof, bool) and DOF[0] <= float(dof) <= DOF[1]:
+            return float(dof)
+    raise DataError("noise_dof", dof, f'{DOF[2]}, or "estimate"')
 
 
 def _names(names: Iterable[str]) -> WithJsonSchema:
@@ -105,11 +100,7 @@ Objective = Literal["model", "two-step"] | None
 Route = Annotated[
     Any,
     BeforeValidator(_check_route),
-    PlainSerializer(
-        lambda optimiser: (
-            {"name": optimiser.name, **vars(optimiser)} if hasattr(optimiser, "name") else optimiser
-        )
-    ),
+    PlainSerializer(lambda r: {"name": r.name, **vars(r)} if hasattr(r, "name") else r),
     _names(ROUTES),
 ]
 Line = Annotated[
@@ -174,14 +165,6 @@ class FitOptions(Strict):
     scale_uncertainty: bool = Field(
         default=False, description="stated uncertainties are right up to a factor: scale by √(χ²/ν)"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _plain(cls, values: Any) -> Any:
-        """Scalars of NumPy and JAX as Python's."""
-        if not isinstance(values, dict):
-            return values
-        return {name: _as_python(value) for name, value in values.items()}
 
     @model_validator(mode="after")
     def _act(self) -> "FitOptions":
@@ -294,8 +277,3 @@ def _parsed(name: str, text: str) -> Any:
         known = f"one of {listed(words)}" if words else next(faults(error, FitOptions)).accepted
         problem = f"{shown(repr(text))} is not {known}{did_you_mean(text, words)}"
         raise argparse.ArgumentTypeError(problem) from None
-
-
-def _as_python(value: Any) -> Any:
-    is_scalar = hasattr(value, "dtype") and getattr(value, "ndim", None) == 0
-    return value.item() if is_scalar else value

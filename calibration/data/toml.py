@@ -77,22 +77,24 @@ def _fault(
     """A fault that pydantic found, with its line."""
     place, cause = reported["loc"], reported.get("ctx", {}).get("error")
     if isinstance(cause, Refused):
-        place, problem, accepted = (*place, *cause.place), cause.problem, cause.accepted
-    elif isinstance(cause, DataError):
-        place = (*place, cause.argument.partition(" of ")[0])
-        problem, accepted = f"{cause.argument} is {cause.value}", f"it must be {cause.accepted}"
-    elif reported["type"] == "extra_forbidden":
+        place = (*place, *cause.place)
+        return InputError(path, line_of(lines, place) or 1, cause.problem, cause.accepted)
+    if reported["type"] == "extra_forbidden":
         known = known_below(model, place[:-1])
         more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
         near = did_you_mean(str(place[-1]), known).strip(" ()")
         near = "it belongs under [fit]" if place[-1] in known_below(model, ("fit",)) else near
-        problem = f"unknown key {shown(repr(place[-1]))}"
         accepted = near or f"known here are {listed(known[:MOST])}{more}"
-    else:
-        fault, given = fault_of(reported, model), reported["input"]
-        value = str(given).lower() if isinstance(given, bool) else fault.value
-        problem, accepted = f"{place[-1]} is {value}", f"it must be {fault.accepted}"
-    return InputError(path, line_of(lines, place) or 1, problem, accepted)
+        return InputError(
+            path, line_of(lines, place), f"unknown key {shown(repr(place[-1]))}", accepted
+        )
+    if isinstance(cause, DataError):
+        return cause.at(path, line_of(lines, (*place, cause.argument)) or 1)
+    fault = fault_of(reported, model)
+    fault.argument = str(place[-1])
+    if isinstance(reported["input"], bool):
+        fault.value = fault.value.lower()
+    return fault.at(path, line_of(lines, place) or 1)
 
 
 def _syntax_error(path: str | Path, text: str, message: str) -> InputError:

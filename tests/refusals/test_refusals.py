@@ -99,7 +99,6 @@ LARGE = {  # of at most 2 MiB, which a reader that looks at each key again for e
     "text": ('a = """' + "\\n" * 500_000 + '"""', "m.toml:1: unknown key 'a'"),
     "array": ("a = [" + "1,\n" * 30_000 + "]", "m.toml:1: unknown key 'a'"),
     "quotes": ('"""\\"' * 200_000, "m.toml:1: "),
-    "number": ("[[material]]\ndensity = 0x" + "f" * 100_000, "m.toml:2: density"),
 }
 
 
