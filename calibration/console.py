@@ -85,10 +85,8 @@ class Progress:
         self._bar: Any = None
 
     def __call__(self, stage: str, done: int, total: int | None) -> None:
-        if not self._shown:
-            return
         with suppress(OSError):  # a terminal that was closed
-            if stage != self._stage:
+            if self._shown and stage != self._stage:
                 self.close()
                 self._stage = stage
                 self._begin(stage)
@@ -97,8 +95,7 @@ class Progress:
 
     def over(self, items: Iterable, stage: str, total: int | None = None) -> Iterator:
         """Iterate over the items and count them."""
-        done = 0
-        self(stage, done, total)
+        self(stage, 0, total)
         for done, item in enumerate(items, 1):
             yield item
             self(stage, done, total)
@@ -114,13 +111,12 @@ class Progress:
         if not self._has_bar:
             print(f"{stage} ...", file=sys.stderr, flush=True)
             return
-        from rich.console import Console
-        from rich.progress import Progress as Bars
-        from rich.progress import TimeElapsedColumn
+        from rich import console, progress
 
-        keywords: dict[str, Any] = {"transient": True, "console": Console(file=sys.stderr)}
+        keywords: dict[str, Any] = {"transient": True, "console": console.Console(file=sys.stderr)}
         keywords |= {"redirect_stdout": False, "redirect_stderr": False}
-        self._bar = Bars(*Bars.get_default_columns(), TimeElapsedColumn(), **keywords)
+        columns = (*progress.Progress.get_default_columns(), progress.TimeElapsedColumn())
+        self._bar = progress.Progress(*columns, **keywords)
         self._bar.add_task(stage, total=None)
         self._bar.start()
 

@@ -76,14 +76,10 @@ def or_printed(paragraphs: Sequence[str]) -> Iterator[None]:
 
 def check_writable(directory: str | Path) -> None:
     """Refuse early what could not be written in the end, by InputError or NotWritten."""
-    directory = Path(directory)
-    try:
-        existing = _nearest_existing(directory)
-        if not existing.is_dir():
-            problem = f"{str(existing)!r} is a file, or a link to nothing"
-            raise InputError(None, None, problem, "results need a directory to go to")
-    except OSError as error:  # a name that is too long
-        raise NotWritten(directory, error) from None
+    existing = _nearest_existing(Path(directory))
+    if not existing.is_dir():
+        problem = f"{str(existing)!r} is a file, or a link to nothing"
+        raise InputError(None, None, problem, "results need a directory to go to")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise NotWritten(existing, "no permission")
 
@@ -105,10 +101,4 @@ def _concerns(name: str | bytes, directory: Path) -> bool:
 
 
 def _nearest_existing(directory: Path) -> Path:
-    for path in (directory, *directory.absolute().parents):
-        try:
-            path.lstat()
-        except (FileNotFoundError, NotADirectoryError):
-            continue
-        return path
-    raise AssertionError("the root exists")
+    return next(p for p in (directory, *directory.absolute().parents) if os.path.lexists(p))

@@ -62,10 +62,7 @@ def _name_of_material(value: Any) -> str:
 
 
 def _air(value: Any) -> Any:
-    try:
-        checked_air(value)
-    except DataError as error:
-        raise ValueError(error.accepted) from None
+    checked_air(value)
     return value
 
 

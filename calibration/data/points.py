@@ -148,6 +148,9 @@ def read_rows(
             raise DataError("group", "both a column and an argument", "given once")
         columns["group"] = as_labels("group", group)
     check_lengths(columns)
+    for name in {*kind.uncertainties[:-1]} & {*columns}:
+        if kind.uncertainties[-1] in columns:
+            raise DataError(name, f"given with {kind.uncertainties[-1]}", "given once")
     if "launch" in columns:
         columns.setdefault("group", _launches(columns["launch"]))
     for name in {*SIZES} & {*columns}:
@@ -406,8 +409,6 @@ def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Co
     """Standard uncertainties of both columns, None where none is stated, and remarks on them."""
     both, each = rows.kind.uncertainties[-1], [f"{name}_uncertainty" for name in names]
     if both in rows.columns:
-        for name in {*each} & {*rows.columns}:
-            raise DataError(name, f"given with {both}", "given once")
         each, remarks = [both] * 2, [f"{both} applies to both {names[0]} and {names[1]}"]
     elif not {*each} & {*rows.columns}:
         return None, ()
@@ -522,8 +523,6 @@ def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
 def _timing(rows: Rows, name: str) -> Column | None:
     """The timing uncertainty of each row; None where it is unknown, one for all."""
     stated = [column for column in rows.kind.uncertainties if column in rows.columns]
-    if len(stated) == 2:
-        raise DataError(stated[1], f"given with {stated[0]}", "given once")
     if not stated:
         return None
     if name == "time" and stated[0] in rows.relative:

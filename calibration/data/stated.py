@@ -57,14 +57,12 @@ def _parameter(name: str, table: Any) -> Parameter:
         fields = {key: _in_si(name, value, key) for key, value in entry.items()}
         return Parameter(**fields)
     except DataError as error:
-        if entry is not table:
-            problem = (
-                f'{name} is "{table}"' if isinstance(table, str) else f"{name} is {shown(table)}"
-            )
-            accepted = "it must be a number, or a table such as { value = 1.0 }"
-            raise Refused((name,), problem, accepted) from None
-        problem = f"{error.argument} of {name} is {error.value}"
-        raise Refused((name, error.argument), problem, f"it must be {error.accepted}") from None
+        if entry is table:
+            problem = f"{error.argument} of {name} is {error.value}"
+            raise Refused((name, error.argument), problem, f"it must be {error.accepted}") from None
+        value = f'"{table}"' if isinstance(table, str) else shown(table)
+        accepted = "it must be a number, or a table such as { value = 1.0 }"
+        raise Refused((name,), f"{name} is {value}", accepted) from None
 
 
 def _in_si(name: str, value: Any, key: str) -> Any:

@@ -232,7 +232,7 @@ COLUMNS = {
     "uncertainty as both": ("column", "uncertainty twice|once", PLAIN | {"uncertainty": [0.1, 0.1]}, {"uncertainty": 0.1}),
     "group as both": ("group", "column|once", PLAIN | {"group": ["a", "b"]}, {"group": ["a", "b"]}),
     "of both velocities and of one": ("impact_velocity_uncertainty", "once|velocity_uncertainty", SPEEDS, {"velocity_uncertainty": 0.1, "impact_velocity_uncertainty": 0.1}),
-    "two names of the timing": ("timing_uncertainty", "once|interval_uncertainty", TRAIN, {"interval_uncertainty": 0.1, "timing_uncertainty": 0.1}),
+    "two names of the timing": ("interval_uncertainty", "once|timing_uncertainty", TRAIN, {"interval_uncertainty": 0.1, "timing_uncertainty": 0.1}),
     "a timing of zero": ("interval_uncertainty[0]", "0|positive time", TRAIN, {"interval_uncertainty": 0.0}),
     "a negative timing": ("interval_uncertainty[0]", "-1|positive time", TRAIN, {"interval_uncertainty": -1.0}),
     "a timing in millimetres": ("unit of interval_uncertainty", "[mm]|s, ms, us", TRAIN, {"interval_uncertainty": "1 mm"}),
