@@ -295,16 +295,12 @@ def optimal_velocities(
             table = _table(bare, _sought(bare, rule, grid, *search))
             without = errors_of(rule.before + np.sum(table, axis=1), aims)
         bound = rule.lower_bound(_table(plans, np.union1d(grid, shots)), count)
-        level = float(rule.value(new))
         each = new, rule.before, spaced
         after, before, even_errors = (errors_of(information, aims) for information in each)
-        minimised = [errors[target] for errors in (after, before, even_errors)]
-        if criterion != "c":
-            values = (math.exp(0.5 * float(rule.value(information))) for information in each)
-            minimised = [value if value <= NO_BOUND else None for value in values]
+        levels = [float(rule.value(information)) for information in each]
+        sizes = [math.exp(0.5 * level) for level in levels]
+        reached, now, by_even = (size if size <= NO_BOUND else None for size in sizes)
         is_known = bool(np.any(first.before))
-        if not is_known:
-            minimised[1] = None
         return Design(
             criterion=criterion,
             target=target,
@@ -316,12 +312,12 @@ def optimal_velocities(
             uncertainty=np.array(first.shots(shots)[1]),
             bounds=(float(grid[0]), float(grid[-1])),
             over=over,
-            minimised=tuple(minimised),
+            minimised=(reached, now if is_known else None, by_even),
             relative_errors=after,
             equally_spaced=even_errors,
             before=before if is_known else None,
-            gain=math.exp(0.5 * (float(rule.value(spaced)) - level)),
-            efficiency=min(math.exp(bound - level), 1.0),
+            gain=sizes[2] / sizes[0],
+            efficiency=min(math.exp(bound - levels[0]), 1.0),
             grid=grid,
             slopes=first.slopes(grid)[1],
             taken_as_known=first.taken_as_known,

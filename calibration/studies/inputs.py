@@ -6,7 +6,6 @@ through what builds it.
 
 import math
 import re
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import chain, combinations, product
@@ -22,7 +21,7 @@ from calibration.errors import DataError, listed
 from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
-from softjax.fields import Declared, declarations, options_of, shared_fields, shared_leaves
+from softjax.fields import Declared, declarations, numbers_of, options_of, shared_fields
 
 VELOCITY = "velocity"
 # which endings the names of the two bodies' properties have
@@ -90,16 +89,13 @@ class OfBodies:
 
 
 class OfLaw(eqx.Module):
-    """Builds a law of the same structure from its leaves by name; None names a leaf that stays."""
+    """Builds a law of the same structure from its numbers by name."""
 
     law: sj.ContactLaw
-    names: tuple[str | None, ...] = eqx.field(static=True)
 
     def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
-        leaves, structure = jax.tree.flatten(self.law)
-        pairs = zip(self.names, leaves, strict=True)
-        chosen = [leaf if name is None else values[name] for name, leaf in pairs]
-        return jax.tree.unflatten(structure, chosen)
+        moved = [values[name] for name in numbers_of(self.law)]
+        return eqx.tree_at(lambda law: [*numbers_of(law).values()], self.law, moved)
 
 
 class OfLoss(eqx.Module):
@@ -144,18 +140,12 @@ def of_law(law: sj.ContactLaw) -> Inputs:
     Raises:
         ValueError: where another field is an array.
     """
-    paths, structure = jax.tree_util.tree_flatten_with_path(law)
-    short = [path[-1].name if hasattr(path[-1], "name") else None for path, _ in paths]
-    twice = {name for name, count in Counter(short).items() if count > 1}
-    names: list[str | None] = []
-    for name, is_shared, (path, leaf) in zip(short, shared_leaves(law), paths, strict=True):
-        if np.ndim(leaf) and not is_shared:
-            raise DataError(str(name), f"of shape {np.shape(leaf)}", "a single number")
-        full = jax.tree_util.keystr(path).lstrip(".")
-        names.append(None if is_shared else (full if name in twice else name))
-    leaves = [np.asarray(leaf, float) for _, leaf in paths]
-    values = {n: float(leaf) for n, leaf in zip(names, leaves, strict=True) if n is not None}
-    return Inputs(values, OfLaw(jax.tree.unflatten(structure, leaves), tuple(names)))
+    numbers, own = numbers_of(law), declarations(type(law))
+    for name, value in numbers.items():
+        if np.ndim(value):
+            raise DataError(name, f"of shape {np.shape(value)}", "a single number")
+    values = {name: float(numbers[name]) for name in sorted(numbers, key=lambda name: name in own)}
+    return Inputs(values, OfLaw(jax.tree.map(lambda leaf: np.asarray(leaf, float), law)))
 
 
 def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None = None) -> Inputs:
