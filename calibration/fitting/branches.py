@@ -5,6 +5,7 @@ places every point has its branch and the cost is smooth: a search begins in eac
 the lowest cost of all decides.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +45,7 @@ class Branches(NamedTuple):
 
     def problem(self, problem: Problem, k: int) -> Problem:
         """The problem held on one of these."""
-        return problem.held(self.elastic[k], (self.lower[k], self.upper[k]))
+        return replace(problem, elastic=self.elastic[k], within=(self.lower[k], self.upper[k]))
 
     def searched(self, problem: Problem) -> "Branches":
         """The lowest cost of each."""
@@ -63,7 +64,7 @@ def held_at(problem: Problem, z: Float[np.ndarray, "elements"]) -> Problem:
     """The problem on the branches that its points have at z."""
     if problem.elastic is None:
         return problem
-    return problem.held(problem.elastic_at(z), _ends(problem, z))
+    return replace(problem, elastic=problem.elastic_at(z), within=_ends(problem, z))
 
 
 def _changes(problem: Problem, z, k: int) -> Float[np.ndarray, "points"]:

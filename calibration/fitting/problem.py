@@ -391,10 +391,6 @@ class Problem:
         """Points below yield at z, if the law needs fixed branches, else None."""
         return None if self.elastic is None else self.points.velocity <= self.yields_at(z)
 
-    def held(self, elastic, within=None) -> "Problem":
-        """The problem with these points treated as below yield."""
-        return self if self.elastic is None else replace(self, elastic=elastic, within=within)
-
     # ------------------------------------------------------------------ inside
 
     @cached_property

@@ -116,11 +116,8 @@ class FitResult:
     def values(self) -> dict[str, float | None]:
         """Values by name, "chi" or "chi[name]"; the numbers of whole parameters too."""
         table = {label: e.value for label, e in self.estimates.items()}
-        for material in self.materials:
-            for name, label in material.labels.items():
-                if "[" in name:
-                    table[label] = float(material.values[name])
-        return table
+        labels = ((m, name, label) for m in self.materials for name, label in m.labels.items())
+        return table | {label: float(m.values[n]) for m, n, label in labels if "[" in n}
 
     @property
     def standard_errors(self) -> dict[str, float | None]:
