@@ -2,9 +2,10 @@
 
 import argparse
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,26 +26,29 @@ from calibration.parameters import Parameter
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
 DECADES_BELOW_YIELD = 0.1  # default start of a grid, in critical velocities
 FAR_ABOVE_YIELD = 100.0  # and its end without data
-OF_FIT = "left out with --fit, whose law is the fitted one"
-OF_LINE = "left out with --line, whose law is Zhou's as it was fitted"
+OF_LAW = ("chi", "law", "area", "set", *VARIANTS)
 
 
 def read_source(arguments: argparse.Namespace) -> Source:
     """The law that the options state; raises InputError or DataError."""
-    options, is_file = ("chi", "law", "area", "set", *VARIANTS), bool(_suffix(arguments.source))
+    is_file = bool(Path(arguments.source or "").suffix)
     if arguments.line is not None:
-        _check_left_out(arguments, ("fit", "posterior", *options), OF_LINE)
-        if not is_file:
-            source = arguments.source or "missing"
-            raise DataError("MATERIAL", source, "a material file FILE.toml with --line")
-    elif arguments.eps_up is not None:
-        raise DataError("--eps-up", arguments.eps_up, "given with --line")
+        left_out = ("fit", "posterior", *OF_LAW)
+        why = "with --line, whose law is Zhou's as it was fitted"
     elif arguments.fit is not None:
-        _check_left_out(arguments, ("sigma", "psi", *options), OF_FIT)
+        left_out = ("eps_up", "sigma", "psi", *OF_LAW)
+        why = "with --fit, whose law is the fitted one"
+    else:
+        left_out = ("eps_up", "posterior", *["material"] * (not is_file))
+        why = "without --fit or --line" + " or a file" * (not is_file)
+    for name in left_out:
+        if getattr(arguments, name, None) not in (None, []):
+            raise DataError(f"--{name.replace('_', '-')}", "given", f"left out {why}")
+    if arguments.line is not None and not is_file:
+        source = arguments.source or "missing"
+        raise DataError("MATERIAL", source, "a material file FILE.toml with --line")
+    if arguments.fit is not None:
         return _of_fit(arguments)
-    if getattr(arguments, "posterior", None) is not None:
-        accepted = "given with --fit, whose draws they are"
-        raise DataError("--posterior", str(arguments.posterior), accepted)
     return _of_file(arguments) if is_file else _of_paper(arguments)
 
 
@@ -58,19 +62,7 @@ def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm 
     return route_named(arguments.route, **options)
 
 
-def _suffix(source: str | None) -> str:
-    return "" if source is None else Path(source).suffix
-
-
-def _check_left_out(arguments: argparse.Namespace, names: Iterable[str], accepted: str) -> None:
-    for name in names:
-        if getattr(arguments, name, None) not in (None, []):
-            raise DataError(f"--{name}", "given", accepted)
-
-
 def _of_paper(arguments: argparse.Namespace) -> Source:
-    if arguments.material is not None:
-        raise DataError("--material", arguments.material, "left out without a file or a fit")
     text = "stainless-steel" if arguments.source is None else arguments.source
     entries = {entry.name: entry for entry in TABLE_1}
     entry = entries.get(text.lower().replace("-", " ").replace("_", " "))
@@ -124,16 +116,16 @@ def _of_file(arguments: argparse.Namespace) -> Source:
         line, measured = _line(arguments.line)
         losses = {name: getattr(arguments, name) for name in ("eps_up", "sigma", "psi")}
         lines = [f"{remark}, by {arguments.line}", *line.remarks(contact, **losses)]
-        law = line.law(contact, **losses)
+        first, law, remark = critical, line.law(contact, **losses), "\n".join(lines)
         more: dict[str, Any] = {"line": line, "losses": losses, "measured": measured}
-        span = critical, last
-        return Source(entry.name, law, span, properties, bodies, remark="\n".join(lines), **more)
-    known = {name: p.value for name, p in entry.stated.items() if not p.free}
-    known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
-    free = {name: parameter for name, parameter in entry.stated.items() if parameter.free}
-    law = _law(arguments, arguments.law or file.settings.get("law", "zhou"), contact, known, free)
-    span, fall = (DECADES_BELOW_YIELD * critical, last), None if data is None else data.fall
-    return Source(entry.name, law, span, properties, bodies, remark=remark, fall=fall)
+    else:
+        known = {name: p.value for name, p in entry.stated.items() if not p.free}
+        known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
+        free = {name: parameter for name, parameter in entry.stated.items() if parameter.free}
+        name = arguments.law or file.settings.get("law", "zhou")
+        first, law = DECADES_BELOW_YIELD * critical, _law(arguments, name, contact, known, free)
+        more = {"fall": None if data is None else data.fall}
+    return Source(entry.name, law, (first, last), properties, bodies, remark=remark, **more)
 
 
 def _line(path: Path) -> tuple[Any, tuple[float, float]]:
@@ -215,7 +207,7 @@ def _law(
     name: str,
     contact: sj.Contact,
     known: Mapping[str, Any],
-    free: Mapping[str, Parameter] | None = None,
+    free: Mapping[str, Parameter] = MappingProxyType({}),
 ) -> sj.ContactLaw:
     """A law of a contact: its fields as the options state, else as `known` of the material.
 
@@ -224,14 +216,13 @@ def _law(
     fields = {field.name: field for field in dataclasses.fields(LAWS[name])}
     available = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
     values = {field: value for field, value in available.items() if field in fields}
-    stated = _stated(arguments)
+    stated, names = _stated(arguments), [field for field in fields if field != "contact"]
     for field, (option, value) in stated.items():
-        if field not in fields or field == "contact":
-            names = [parameter for parameter in fields if parameter != "contact"]
+        if field not in names:
             accepted = f"a field of {name}: {listed(names) or 'none'}{did_you_mean(field, names)}"
             raise DataError(option, field, accepted)
         values[field] = value
-    for field, parameter in (free or {}).items():
+    for field, parameter in free.items():
         if field in fields and field not in stated:
             problem = f"{field} is free" + ", and its value a start" * (parameter.value is not None)
             option = f"--{field} X" if field in COEFFICIENTS else f"--set {field}=X"

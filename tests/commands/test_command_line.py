@@ -73,7 +73,7 @@ REFUSED = {
     f"{SENSITIVITY} --range chi=0.1:0.4": "--range",
     f"{SENSITIVITY} --from 0": "--from",
     f"{SENSITIVITY} --to inf": "`--to` must be a finite velocity above 0 m/s, but is inf",
-    f"{SENSITIVITY} --posterior x.nc": "whose draws they are, but is x.nc",
+    f"{SENSITIVITY} --posterior x.nc": "`--posterior` must be left out without --fit",
     f"{SENSITIVITY} --at -1": "--at",
     f"{SENSITIVITY} --points 1": "--points",
     f"{SENSITIVITY} --shots 4": "--shots",
