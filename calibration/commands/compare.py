@@ -55,21 +55,15 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(arguments.quiet) as progress:
         made = [compare(d, laws, watch=progress.over, **options) for d in datasets]
         json = comparison_json(made, {"file": arguments.file, "laws": laws, "options": options})
-        text = json if arguments.json else f"{comparison_text(made, remarks, 'compare.json')}\n"
+        text = json if arguments.json else comparison_text(made, remarks, "compare.json")
         shown = [text] if arguments.json or not arguments.quiet else []
         with or_printed(shown), files_into(arguments.out, FILES) as folder:
             write_text(folder / "compare.json", json)
             save(comparison_figure(made), folder / "compare.png")
-    if arguments.json:
-        print(text, end="")
-    elif shown:
-        print(text)
-    failed = [
-        f"{entry.label} ({comparison.data.name})"
-        for comparison in made
-        for entry in comparison.entries
-        if not entry.converged
-    ]
+    if shown:
+        print(text, end="" if arguments.json else "\n\n")
+    every = [(entry, comparison.data.name) for comparison in made for entry in comparison.entries]
+    failed = [f"{entry.label} ({name})" for entry, name in every if not entry.converged]
     if failed:
         message = f"did not converge: {', '.join(failed)}; the results are written and marked so"
         print(f"softjax compare: {message}", file=sys.stderr)

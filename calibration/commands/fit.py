@@ -58,10 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
         more |= {"command": arguments.as_typed, "progress": progress}
         with or_printed(shown):
             write_report(result, arguments.out, **more)
-    if arguments.json:
-        print(text, end="")
-    elif shown:
-        print(f"{text}\n")
+    if shown:
+        print(text, end="" if arguments.json else "\n\n")
     if result.converged:
         return 0
     print("softjax fit: did not converge; the results are written and marked so", file=sys.stderr)
