@@ -25,7 +25,7 @@ from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, further_variances
 from calibration.fitting.laws import OF_CONTACT, numbers_in
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.problem import Element
+from calibration.fitting.problem import DRAG, Element
 from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
 from calibration.fitting.summary import eps_up_of
@@ -98,7 +98,7 @@ class Plan:
 
     @property
     def taken_as_known(self) -> tuple[str, ...]:
-        """A sentence for each parameter that the fit did not determine."""
+        """A sentence for each parameter that the fit did not determine, and on the drag of the air."""
         if self.result is None:
             return ()
         sentences, fit = [], self.result.material(self.material.name)
@@ -107,6 +107,10 @@ class Plan:
             if estimate is not None and estimate.at_bound and estimate.value is not None:
                 why = f"is at its bound {number(estimate.value, 4)}"
             sentences.append(f"{name} {why} and is taken as known: errors may be larger")
+        if fit.data.errors.by_drag is not None:  # a shot's errors are its own here
+            sentences.append(
+                f"{DRAG}, in common to all flights, is taken as known in the new ones: errors may be larger"
+            )
         return tuple(sentences)
 
     def slopes(
@@ -302,7 +306,8 @@ class Planned:
             design.
         before: relative errors that are known now, by a fit or priors or what was measured; None
             where nothing is.
-        taken_as_known: a sentence for each parameter of the fit that has no standard error.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error, and on the
+            drag of the air.
         sensors: what else each shot shows, and its relative uncertainty.
         without: relative errors without the sensors, of a design those of the best one of as many
             shots; None where there are none.
