@@ -182,6 +182,7 @@ def test_the_main_job_says_what_it_found(main_job):
     assert "include the scatter" not in report  # c1 and c2 of data without noise have no errors
     assert "](curves.png)" in report
     assert "](profiles.png)" not in report
+    assert "noise normal, starts 32, seed 0, max steps 200" in report
     assert main_job.text("report.html").count("data:image/png;base64,") == 2
 
 
