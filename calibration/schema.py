@@ -34,14 +34,12 @@ class Strict(BaseModel):
 
     @classmethod
     def of(cls: type[Model], **values: Any) -> Model:
-        """The model of these values, scalars of NumPy and JAX too; raises DataError, or TypeError for an
-        unknown name.
-        """
+        """The model of these values; raises DataError, or TypeError for an unknown name."""
         for name, value in values.items():
             if name not in cls.model_fields:
                 near = did_you_mean(name, cls.model_fields)
                 raise TypeError(f"unknown option {name!r}{near}")
-            if getattr(value, "ndim", None) == 0:
+            if getattr(value, "ndim", None) == 0:  # a scalar of NumPy or JAX
                 values[name] = value.item()
         try:
             return cls(**values)
