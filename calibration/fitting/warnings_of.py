@@ -344,8 +344,9 @@ def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
         return None
     variances, dof, size = goodness.variances, goodness.family.dof, np.abs(goodness.standardised)
     stated = variances.get("stated", variances.get("repeats", 0.0))
-    if "scale" in errors.unknown and goodness.reduced_chi_squared is not None:
-        ratio = goodness.reduced_chi_squared**0.5
+    if "scale" in errors.unknown:
+        of_stated = float(np.mean(errors.points.uncertainty**2))
+        ratio = (goodness.reduced_chi_squared or variances.get("scale", 0.0) / of_stated) ** 0.5
     elif stated <= 0:
         return None
     elif variances.get("scatter"):

@@ -363,7 +363,13 @@ def test_extrapolation_below_and_above(velocity, count):
     ("factor", "is_raised"), [(10, True), (2, False), (0.5, False), (0.1, True)]
 )
 @pytest.mark.parametrize(
-    "options", [{"extra_scatter": True}, {"scale_uncertainty": True}, {"noise": "student-t"}]
+    "options",
+    [
+        {"extra_scatter": True},
+        {"scale_uncertainty": True},
+        {"noise": "student-t"},
+        {"noise": "student-t", "scale_uncertainty": True},
+    ],
 )
 def test_scatter_far_from_what_was_stated_is_named_also_where_it_is_estimated(
     options, factor, is_raised
