@@ -115,8 +115,7 @@ def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Ends:
     starts = along_valley(problem, first.z)
     twice, begun = lanes.some(np.tile(np.arange(fits), 2)), np.tile(begun, (2, 1))
     more = search(problem, starts, begun=begun, lanes=twice, limit=STEPS)
-    parts: list[Any] = [np.concatenate(pair) for pair in zip(first[:-1], more[:-1], strict=True)]
-    both = Ends._make([*parts, first.evaluations + more.evaluations])
+    both = Ends._make(map(np.concatenate, zip(first, more, strict=True)))
     cost = np.where(both.converged, both.cost, np.inf).reshape(3, fits)
     return both.some(np.argmin(cost, axis=0) * fits + np.arange(fits))
 

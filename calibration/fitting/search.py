@@ -65,12 +65,10 @@ class Ends(NamedTuple):
     # from where it was measured whether an element runs to an end
     begun: Float[np.ndarray, "fits elements"]
     iterations: Int[np.ndarray, "fits"]  # steps taken
-    evaluations: int  # sets of residuals with their Jacobian, of all fits together
 
     def some(self, which: Any) -> "Ends":
         """Some of the searches side by side."""
-        parts: list[Any] = [a[which] for a in self[:-1]]
-        return Ends._make([*parts, self.evaluations])
+        return Ends._make(a[which] for a in self)
 
 
 class _Search:
@@ -90,7 +88,6 @@ class _Search:
         self.released = np.zeros(fits, int)
         self.reason = np.full(fits, "", dtype=object)
         self.iterations, self.level = np.zeros((2, fits), int)
-        self.evaluations = 0
         self.scaled = problem.transform.kind[problem.active] != NONE
         self.lower, self.upper = self._ends()
         self.edge = np.zeros((fits, p), bool)
@@ -174,7 +171,6 @@ class _Search:
         return self.fixed | (self.limits != 0)
 
     def _at(self, z, fits) -> Linear:
-        self.evaluations += int(np.sum(fits))
         return self.problem.linearise(z[fits], self.lanes.some(fits))
 
     def _put(self, fits, linear: Linear, which: Any = slice(None)) -> None:
@@ -283,7 +279,6 @@ class _Search:
                     inner = self.start[f, k] + part * (self.x[f, k] - self.start[f, k])
                     places.append(np.array(self.z[f]))
                     places[-1][active[k]] = np.clip(inner, self.lower[f, k], self.upper[f, k])
-            self.evaluations += len(places)
             lanes = self.lanes.some(np.full(len(places), f))
             cost = self.problem.linearise(np.array(places), lanes, slopes=False).cost
             best = int(np.argmin(cost))
@@ -308,7 +303,6 @@ class _Search:
             limits=np.where(self.edge, 0, self.limits),
             begun=self.begun,
             iterations=self.iterations,
-            evaluations=self.evaluations,
         )
 
 
@@ -350,7 +344,6 @@ def search(
         z = _by_adam(problem, z, lanes)
     begun_at = np.nan if begun is None else begun
     state = _Search(problem, z, begun_at, fixed, lanes, limit, releases, enough)
-    state.evaluations += len(z) * ADAM_STEPS * (optimiser == "adam")
     if len(problem.active):
         method = Marquardt if optimiser == "levenberg-marquardt" else Lbfgs
         with _blas().limit(limits=1):
@@ -384,8 +377,7 @@ def guided_search(
     begun = np.concatenate([guided.begun, z])
     again = search(problem, places, begun=begun, lanes=twice, limit=3 * limit)
     lower = again.cost[: len(z)] <= again.cost[len(z) :]
-    best = again.some(np.where(lower, 0, len(z)) + np.arange(len(z)))
-    return best._replace(evaluations=guided.evaluations + again.evaluations)
+    return again.some(np.where(lower, 0, len(z)) + np.arange(len(z)))
 
 
 def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
