@@ -278,20 +278,11 @@ def _fall(layout: Layout, air: Air | None, gravity: float, has_rebounds: bool) -
 # ---------------------------------------------------------------- an impact by two quantities
 
 
-class Impacts(NamedTuple):
-    """v and ε of measured quantities x₁ and x₂, and their sensitivity coefficients."""
+def _impacts(rows: Rows, first: Column, second: Column, floor: Column, index: Any, sizes: Any):
+    """v, ε, their errors, and remarks, of what was measured before and after.
 
-    velocity: Column
-    restitution: Column
-    by_first: Column  # ∂ε/∂x₁
-    by_second: Column  # ∂ε/∂x₂
-    faster: Column  # ∂v/∂x₁
-    by_drag: Any  # of ε and v in the drag coefficient, (n, 2); None without air
-    remarks: tuple[str, ...]
-
-
-def _impacts(rows: Rows, first: Column, second: Column, floor: Column) -> Impacts:
-    """Impacts of what was measured before and after; `floor`: where the slope in `second` is taken."""
+    `floor`: where the slope in `second` is taken; `index`, `sizes`: of the input errors.
+    """
     what, gravity, air = rows.kind.what, rows.gravity, rows.air
     power = 0.5 if what == "heights" else 1.0
     velocity = first if what == "velocities" else gravity * first / 2
@@ -321,7 +312,12 @@ def _impacts(rows: Rows, first: Column, second: Column, floor: Column) -> Impact
         if FASTEST_FALL < fastest < np.inf:  # from higher than anybody drops a ball, in air too
             height = fastest * (fastest / (2 * gravity))
             remarks = (*remarks, f"{FALLS} {fastest:.3g} m/s, from {height:.3g} m")
-    return Impacts(velocity, restitution, by_first, by_second, faster, by_drag, remarks)
+    to_restitution, to_velocity = three(by_first, by_second), three(faster)
+    if what == "times":  # of three bounces, their differences are the intervals
+        to_restitution = three(-by_first, by_first - by_second, by_second)
+        to_velocity = three(-faster, faster)
+    errors = PointErrors(index, to_restitution, to_velocity, sizes, what, by_drag=by_drag)
+    return velocity, restitution, errors, remarks
 
 
 def _with_own(errors: PointErrors, rows: Rows, velocity: Column, restitution: Column):
@@ -395,14 +391,13 @@ def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]
     sizes, stated = _sizes_of_pairs(rows, names, (first, second))
     # the slope of √h is infinite at h = 0: there u(ε) is to be the ε that a height of u gives
     floor = second if sizes is None else np.maximum(second, sizes[1] / 4)
-    hit = _impacts(rows, first, second, floor)
-    errors = PointErrors.alone(len(first))
-    if sizes is not None:
-        slopes = three(hit.by_first, hit.by_second), three(hit.faster)
-        errors = PointErrors(paired(len(first)), *slopes, np.ravel(sizes, "F"), rows.kind.what)
-    errors = replace(errors, by_drag=hit.by_drag)
-    restitution = np.where(is_measured, hit.restitution, np.nan)
-    return hit.velocity, restitution, errors, (*remarks, *stated, *hit.remarks)
+    every_size = None if sizes is None else np.ravel(sizes, "F")
+    index = paired(len(first))
+    velocity, restitution, errors, added = _impacts(rows, first, second, floor, index, every_size)
+    if sizes is None:
+        errors = replace(PointErrors.alone(len(first)), by_drag=errors.by_drag)
+    restitution = np.where(is_measured, restitution, np.nan)
+    return velocity, restitution, errors, (*remarks, *stated, *added)
 
 
 def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Column]):
@@ -468,26 +463,20 @@ def _sequences(rows: Rows) -> Points:
         raise DataError("launch", f"of {span} row(s) everywhere", accepted)
     taken, after = first + span - 1, interval[first + 1]
     used = rows.take(taken)
-    hit = _impacts(used, interval[first], after, after)
     index = first[:, None] + np.arange(3)
-    to_restitution, to_velocity = three(hit.by_first, hit.by_second), three(hit.faster)
-    if name == "interval":
-        index[:, 2] = -1
-    else:
-        to_restitution = three(-hit.by_first, hit.by_first - hit.by_second, hit.by_second)
-        to_velocity = three(-hit.faster, hit.faster)
+    index[:, 1 + span :] = -1
     numbers = np.unique(index[index >= 0])
     index = np.where(index < 0, -1, np.searchsorted(numbers, index))
     sizes = None if sizes is None else sizes[numbers]
-    errors = PointErrors(
-        index, to_restitution, to_velocity, sizes, rows.kind.what, by_drag=hit.by_drag
+    velocity, restitution, errors, of_air = _impacts(
+        used, interval[first], after, after, index, sizes
     )
     with rows_blamed(taken):
-        errors, added = _with_own(errors, used, hit.velocity, hit.restitution)
+        errors, added = _with_own(errors, used, velocity, restitution)
     short = int(np.sum(np.bincount(sequence) <= span))
     what = "a single interval" if span == 1 else "fewer than three bounces"
     remarks = [f"{short} launch(es) of {what} give no restitution and are not used"] * bool(short)
-    return Points(hit.velocity, hit.restitution, errors, taken, (*remarks, *added, *hit.remarks))
+    return Points(velocity, restitution, errors, taken, (*remarks, *added, *of_air))
 
 
 def _breaks(rows: Rows) -> np.ndarray:
