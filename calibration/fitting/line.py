@@ -38,7 +38,7 @@ from calibration.parameters import Parameter
 
 PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through ε_up alone
 STEEPEST = 20.0  # ψ at the end of an interval: there is no loss below first yield
-ROUNDING = 1e-9  # of χ̃: errors below are not used; of ε_up: what is 1
+ROUNDING = 1e-9  # of χ̃: errors below are not used; of ε_up: what is 1; of E/Y: what is one
 TINY = np.finfo(float).tiny
 WIDE = 30.0  # ratio of an interval's ends, from which on it is of no use; of ε_up their difference
 WIDE_EPS_UP = 0.1
@@ -365,16 +365,16 @@ def _rows(covariance: np.ndarray) -> tuple[tuple[float, float], tuple[float, flo
 
 
 def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit] | None:
-    """The line through all materials with a χ̃ of their own; None where there are fewer than two.
+    """The line through all materials with a χ̃ of their own; None where these have fewer than two E/Y.
 
     Fitted to all curves at once, with what else was free. That weighs a material by 1/u² of its χ̃, so its
     scatter about the line moves c1 and c2 as it moves the line of least squares with these weights.
     """
     with_chi, confidence = _with_chi(fits), request.options.confidence
-    if request.options.unloading_line is None or len(with_chi) < 2:
-        return None
     materials = tuple(_material(*each) for each in with_chi)
     x, chi, u = _columns(materials)
+    if request.options.unloading_line is None or len(x) < 2 or np.ptp(x) <= ROUNDING * np.max(x):
+        return None
     has_noise = _have_noise(materials)
     c, normal, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
     joint = _joint(request, with_chi, c)

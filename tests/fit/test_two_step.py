@@ -367,6 +367,9 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(six, 
     assert line.rms == pytest.approx({fit.name: fit.rms for fit in result.materials}, rel=1e-4)
     single = cal.fit(sets[0], starts=4, profiles=False)
     assert single.unloading_line is None
+    one, kinds = sets[0], ("small", "large")
+    same = [cal.RestitutionData(one.velocity, one.restitution, one.contact, name=k) for k in kinds]
+    assert cal.fit(same, starts=4, profiles=False).unloading_line is None  # of one E/Y
 
 
 TOML = """
