@@ -8,6 +8,7 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from calibration.observables import OBSERVABLES, predicted
+from calibration.plots import observables_figure
 from tests.fit_data import pair
 from tests.shown.tables import cells
 
@@ -208,6 +209,8 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     assert 0.9 < float(found.split("those of ")[1].split()[0]) < 0.92  # 1/1.1, ± 1 %
     assert "which they determine to 1 %" in found  # 2.5 · 2 %/√24
     assert "observables.png" in result.report(tmp_path)
+    labels = [ax.get_ylabel() for ax in observables_figure(result).axes]
+    assert labels == ["contact time", "data/fit − 1 [%]"]
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "the contact times would determine E to 1 %" in report
     assert "| contact time t_c | 24 |" in report

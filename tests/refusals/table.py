@@ -194,6 +194,11 @@ PROBLEMS = {
     "unknown objective": ("m.toml:10", "objective|\"twostep\"|did you mean 'two-step'", TOML + '[fit]\nobjective = "twostep"\n'),
     "half a seed": ("m.toml:10", "seed is 1.5|whole number", TOML + "[fit]\nseed = 1.5\n"),
     "no starts": ("m.toml:10", "starts is 0|greater than or equal to 1", TOML + "[fit]\nstarts = 0\n"),
+    "31 degrees of freedom": (
+        "m.toml:11",
+        "noise_dof is 31|a number in [2, 30]",
+        TOML + '[fit]\nnoise = "student-t"\nnoise_dof = 31\n',
+    ),
     "confidence in percent": ("m.toml:10", "confidence is 95|1", TOML + "[fit]\nconfidence = 95\n"),
     "tolerance of the energy balance": ("m.toml:11", 'rtol|route "ode"', TOML + '[fit]\nroute = "energy balance"\nrtol = 1e-6\n'),
     "an objective that is a law": ("m.toml:10", 'objective|empirical|"model" or "two-step"', TOML + '[fit]\nobjective = "empirical"\n'),
