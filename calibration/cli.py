@@ -127,8 +127,10 @@ def _run(argv: Sequence[str]) -> int:
 
 def _parsed(argv: Sequence[str]) -> tuple[str, Any, argparse.Namespace]:
     """The command's name, its module, and its options, also those that stand before its name."""
-    places = [k for k, word in enumerate(argv) if word in COMMANDS and argv[k - 1 : k] != ["--out"]]
-    if not places:
+    words = (k for k, w in enumerate(argv) if w[:1] != "-" and argv[k - 1 : k] != ["--out"])
+    at = next(words, len(argv))
+    name = "".join(argv[at : at + 1])
+    if name not in COMMANDS:
         width = max(map(len, COMMANDS)) + 2
         lines = ["commands:", *(f"  {name:<{width}}{what}" for name, what in COMMANDS.items())]
         lines += ["", CODES, "", "softjax COMMAND --help lists the options."]
@@ -137,10 +139,9 @@ def _parsed(argv: Sequence[str]) -> tuple[str, Any, argparse.Namespace]:
         top.add_argument("command", metavar="COMMAND", choices=COMMANDS, help=argparse.SUPPRESS)
         top.add_argument("--version", action=Version, nargs=0, help="print the version")
         top.parse_args(argv)  # prints help or the version, or refuses
-    name = argv[places[0]]
     command = importlib.import_module(f"calibration.commands.{name}")
     parser = _parser(f"softjax {name}", command.__doc__, CODES, command.add_arguments)
-    arguments = parser.parse_args([*argv[: places[0]], *argv[places[0] + 1 :]])
+    arguments = parser.parse_args([*argv[:at], *argv[at + 1 :]])
     arguments.as_typed = printable(shlex.join(["softjax", *argv]))
     return name, command, arguments
 

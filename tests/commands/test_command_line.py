@@ -18,7 +18,8 @@ EXPORT = "export stainless-steel"
 # words of the command line, _ for a space within one: what the line has, parted by |
 REFUSED = {
     "": "COMMAND",
-    "fti": "did you mean 'fit'",
+    "fti ALLOY --law compare": "'fti'|did you mean 'fit'",  # whatever stands behind it
+    "no_such.toml fit": "'no_such.toml'",
     "fit --colour": "--colour",
     "fit --sead 3": "did you mean '--seed'",
     "fit shots.csv": "give the TOML file that names it, with data = 'shots.csv'",
