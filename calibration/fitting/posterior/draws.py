@@ -80,12 +80,12 @@ def sampled(
     """Draws from the posterior of a fit; see `FitResult.posterior`."""
     for name, value in {"draws": draws, "chains": chains, "seed": seed, "warmup": warmup}.items():
         check_whole(name, value, LEAST[name])
-    check_possible(result.request.options.objective)
     with jax.enable_x64(True):
         problem = traceable(result.request)
-        if not (problem.names or problem.noises):
+        if not (problem.names or problem.noises):  # whatever is installed
             accepted = "one that is free, or noise that is not stated, for a posterior"
             raise DataError("parameters", "none free", accepted)
+        check_possible(result.request.options.objective)
         density = density_of(problem).straightened(_found(result, problem))
         starts = np.random.default_rng(seed).standard_normal((chains, len(density.labels)))
         position, statistics = _chains(density, starts, draws, warmup, seed, progress)
