@@ -7,6 +7,7 @@ import atexit
 import gc
 import os
 import shutil
+import sys
 import tempfile
 from collections import Counter
 
@@ -75,6 +76,15 @@ def programs_make_room():
     if _mapped() > MOST_MAPPED:
         jax.clear_caches()
         gc.collect()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def only_what_the_readme_installs(request):
+    """Samplers are hidden, where they are installed, from all tests whose file does not import them."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in () if hasattr(request.module, "blackjax") else ("blackjax", "arviz", "xarray"):
+            patch.setitem(sys.modules, name, None)
+        yield
 
 
 @pytest.fixture
