@@ -22,7 +22,7 @@ OPERATORS, COMPARISONS = (
 )
 OPPOSITES = [("min", "max"), ("minimum", "maximum"), ("all", "any"), ("floor", "ceil")]
 OPPOSITE = {a: b for pair in OPPOSITES for a, b in (pair, pair[::-1])}
-COMMUTE = {"min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or"}
+COMMUTE = {"min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or", "suppress"}
 CHECKED = {"zip", "dataclass"}  # whose keywords change nothing but what is refused
 LOOKS = {"linewidth", "elinewidth", "markersize", "markeredgewidth", "capsize", "alpha", "zorder"}
 LOOKS |= {"fontsize", "frameon", "ha", "va", "lw", "ms", "mew"}

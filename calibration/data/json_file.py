@@ -31,6 +31,6 @@ def plain(value: Any) -> Any:
     return number if math.isfinite(number) else None
 
 
-def dumps(value: Any, indent: int = 1) -> str:
+def dumps(value: Any) -> str:
     """The text of a file."""
-    return json.dumps(plain(value), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(plain(value), indent=1, ensure_ascii=False) + "\n"

@@ -99,7 +99,7 @@ def export(
     with files_into(out, sorted(possible)) as folder:
         for file, text in files.items():
             write_text(folder / file, text)
-        write_text(folder / report, dumps(made.to_dict(), indent=2))
+        write_text(folder / report, dumps(made.to_dict()))
         style.save(made.draw(), folder / picture)
     return made
 

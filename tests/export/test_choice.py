@@ -196,6 +196,7 @@ def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
     shortest, longest = min(durations), max(durations)
     assert report["contact_duration"] == pytest.approx({"shortest": shortest, "longest": longest})
     assert report["time_step"] == pytest.approx(shortest / steps)
+    assert report["energy_gain"] == 0
     assert set(report["files"]) == {p.name for p in folder.iterdir()}
     assert [trial["law"] for trial in report["tried"]] == LADDER[:4]
     text = str(export)
