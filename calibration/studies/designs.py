@@ -1,12 +1,11 @@
 """Designs: the velocities at which further shots determine parameters best.
 
 What a shot adds depends on its velocity alone, so it is tabulated over a grid. Shots are exchanged over
-the grid, one at a time, from several starts, then placed more finely. Several laws, or draws of a
-posterior, stand side by side; the logarithm of the criterion is averaged over them.
+the grid, one at a time, from several starts, then placed more finely.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +22,6 @@ from calibration.fitting.result import FitResult
 from calibration.fitting.summary import chi_of, critical_velocity_of, eps_up_of
 from calibration.studies.inputs import both_ends
 from calibration.studies.plans import (
-    ALMOST_NOTHING,
     NO_BOUND,
     USUAL_NOISE,
     Column,
@@ -49,7 +47,6 @@ CURVE = 128  # velocities over which a predicted curve is averaged
 FINER = 9  # velocities around each shot when it is placed more finely
 REFINEMENTS = 5  # how often that is done
 BETTER = 1e-10  # least decrease of a log criterion that is worth an exchange
-MOVES = 500  # of a design's weights
 TOGETHER = 0.01  # relative distance below which shots count as one velocity
 DIFFERENCE = 1e-4  # of θ, of what follows from it
 # numbers that follow from the parameters of Zhou's law
@@ -76,14 +73,11 @@ class Design(Planned):
         minimised: the criterion as a standard error: with the new shots, before them (None where
             nothing was known), and with as many shots equally spaced.
         relative_errors: expected standard error of ln θ with the new shots and what was known
-            before, and of a target that follows from θ; of several laws the root mean square; None
-            for parameters that are not determined.
+            before, and of a target that follows from θ; None for parameters that are not determined.
         equally_spaced: the same for as many shots equally spaced over the bounds.
         gain: the criterion as a standard error (the target's for "c", the geometric mean of all for
             "D") with equally spaced shots over that with these.
-        efficiency: what the design reaches at least of the best possible one of as many shots, by
-            the equivalence theorem.
-        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
+        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p).
     """
 
     criterion: str
@@ -96,7 +90,6 @@ class Design(Planned):
     relative_errors: Errors
     equally_spaced: Errors
     gain: float
-    efficiency: float
     grid: Float[np.ndarray, "k"]
     slopes: Float[np.ndarray, "k p"]
 
@@ -131,9 +124,6 @@ class Design(Planned):
         reached = f"The {self.criterion_in_words} (criterion {self.criterion}) will be {after}; "
         reached += f"it is {now} now, and " if self.before else "it "
         reached += f"would be {even} with shots equally spaced."
-        # of a variance, rounded up
-        better = math.ceil(1000 * (1 - math.sqrt(self.efficiency)) - 1e-6) / 10
-        reached += f" No {len(self.velocity)} shots make it more than {better:.1f} % smaller."
         low, high = self.bounds
         searched = f"Velocities allowed: {low:.4g} to {high:.4g} m/s; planned {self._range}."
         lone = [ONE_VELOCITY] if len(self.support) == 1 else []
@@ -143,72 +133,41 @@ class Design(Planned):
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """Objective to minimise: the logarithm of a mean variance tr(L C), averaged over the laws.
+    """Objective to minimise: the logarithm of a mean variance tr(L C).
 
     Attributes:
-        weight: L, (laws, p, p); None for D: the geometric mean of the variances, correlations counted.
-        before: A₀, (laws, p, p).
+        weight: L, (p, p); None for D: the geometric mean of the variances, correlations counted.
+        before: A₀, (p, p).
     """
 
     weight: Matrices | None
     before: Matrices
 
     def value(self, information: Matrices) -> Any:
-        """Its logarithm, of (laws, ..., p, p)."""
+        """Its logarithm, of (..., p, p)."""
         covariance = covariance_of(information)
         if self.weight is None:
-            level = np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
-        else:
-            level = np.log(np.einsum("lij,l...ij->l...", self.weight, covariance))
-        return np.mean(level, axis=0)
+            return np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
+        return np.log(np.einsum("ij,...ij->...", self.weight, covariance))
 
     def exchanged(self, shots: Matrices, places: Any) -> tuple[Int[np.ndarray, "n"], float]:
         """Each shot moved to its best place until none moves any more, and the criterion there."""
         places = np.array(places)
-        best = float(self.value(self.before + np.sum(shots[:, places], axis=1)))
+        best = float(self.value(self.before + np.sum(shots[places], axis=0)))
         while True:
             begun = best
             for i in range(len(places)):
-                others = self.before + np.sum(shots[:, np.delete(places, i)], axis=1)
-                values = self.value(others[:, None] + shots)
+                others = self.before + np.sum(shots[np.delete(places, i)], axis=0)
+                values = self.value(others + shots)
                 k = int(np.argmin(values))
                 if values[k] < best - BETTER:
                     places[i], best = k, float(values[k])
             if best >= begun - BETTER:
                 return np.sort(places), best
 
-    def lower_bound(self, shots: Matrices, count: int) -> float:
-        """A value that no design of `count` of these shots is below.
-
-        With W = C L C / tr(L C) (D: C/p), 1/tr(L C) and its like are concave in A. So whatever the
-        weights w of a design without whole numbers, A = A₀ + n Σ w_k A_k, no design is better than
-        this one by more than the factor max_k tr(W (A₀ + n A_k)); the weights are moved to where
-        that is nearly one.
-
-        Source: Kiefer and Wolfowitz, Can. J. Math. 12, 363 (1960); Pukelsheim, Optimal Design of
-        Experiments (2006), chapter 5.
-        """
-        before = self.before + ALMOST_NOTHING * np.eye(self.before.shape[-1])
-        share, bound = np.full(shots.shape[1], 1 / shots.shape[1]), -np.inf
-        for _ in range(MOVES):
-            information = self.before + count * np.einsum("k,lkij->lij", share, shots)
-            weight = covariance_of(information)
-            if self.weight is None:
-                weight = weight / weight.shape[-1]
-            else:
-                level = np.einsum("lij,lij->l", self.weight, weight)[:, None, None]
-                weight = weight @ self.weight @ weight / level
-            first = np.einsum("lij,lij->l", weight, before)
-            each = np.einsum("lkij,lij->lk", shots, weight)
-            factor = np.mean(first[:, None] + count * each, axis=0)
-            bound = max(bound, float(self.value(information)) - math.log(np.max(factor)))
-            share = share * (factor if self.weight is None else np.sqrt(factor))
-            share = share / np.sum(share)
-        return bound
-
 
 def optimal_velocities(
-    law: sj.ContactLaw | FitResult | Sequence[sj.ContactLaw],
+    law: sj.ContactLaw | FitResult,
     count: int,
     bounds: tuple[float, float],
     *,
@@ -232,8 +191,7 @@ def optimal_velocities(
     and a few shots elsewhere would show it.
 
     Args:
-        law: with the parameters as far as they are known; several laws of one kind, over which the
-            logarithm of the criterion is averaged; or a fit, as `fisher_information` takes it.
+        law: with the parameters as far as they are known; or a fit, as `fisher_information` takes it.
         count: number of new shots, each of a new specimen or launch where these share
             errors.
         bounds: (lowest, highest) velocity [m/s] that can be shot.
@@ -273,43 +231,37 @@ def optimal_velocities(
     measured_u = u if measured_uncertainty is None else measured_uncertainty
     known = None if measured is None else (measured, measured_u)
     of: Any = {"parameters": parameters, "route": route, "material": material, "sensors": sensors}
-    laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
-    if not laws:
-        raise DataError("law", law, "one law or more, or a FitResult")
     reach = [low, high, *(over if criterion == "I" else ())]
-    plans = [plan_of(law, reach, uncertainty=uncertainty, measured=known, **of) for law in laws]
-    first, even = plans[0], np.linspace(low, high, count)
-    symbols = dict(zip(first.names, first.symbols, strict=True))
+    plan = plan_of(law, reach, uncertainty=uncertainty, measured=known, **of)
+    even = np.linspace(low, high, count)
+    symbols = dict(zip(plan.names, plan.symbols, strict=True))
     with jax.enable_x64(True):
-        target = _target_of(target, first)
-        aims: dict[str, np.ndarray] = first.aims
-        aims[target] = np.stack([_gradient_of(target, plan) for plan in plans])
-        weight = _weight(criterion, plans, aims[target], over)
-        rule = Criterion(weight, np.stack([plan.before for plan in plans]))
-        grid, search = _grid(plans, low, high), (even, starts, seed, progress)
-        shots = _sought(plans, rule, grid, *search)
-        new, spaced = (rule.before + np.sum(_table(plans, v), axis=1) for v in (shots, even))
+        target = _target_of(target, plan)
+        aims = plan.aims | {target: _gradient_of(target, plan)}
+        rule = Criterion(_weight(criterion, plan, aims[target], over), plan.before)
+        grid, search = _grid(plan, low, high), (even, starts, seed, progress)
+        shots = _sought(plan, rule, grid, *search)
+        new, spaced = (plan.before + np.sum(plan.shots(v)[0], axis=0) for v in (shots, even))
         without = None
-        if first.sensors:
-            bare = [replace(plan, sensors={}) for plan in plans]
-            table = _table(bare, _sought(bare, rule, grid, *search))
-            without = errors_of(rule.before + np.sum(table, axis=1), aims)
-        bound = rule.lower_bound(_table(plans, np.union1d(grid, shots)), count)
-        each = new, rule.before, spaced
+        if plan.sensors:
+            bare = replace(plan, sensors={})
+            added = bare.shots(_sought(bare, rule, grid, *search))[0]
+            without = errors_of(plan.before + np.sum(added, axis=0), aims)
+        each = new, plan.before, spaced
         after, before, even_errors = (errors_of(information, aims) for information in each)
         levels = [float(rule.value(information)) for information in each]
         sizes = [math.exp(0.5 * level) for level in levels]
         reached, now, by_even = (size if size <= NO_BOUND else None for size in sizes)
-        is_known = bool(np.any(first.before))
+        is_known = bool(np.any(plan.before))
         return Design(
             criterion=criterion,
             target=target,
             target_symbol=symbols.get(target, symbol(target).text),
-            names=first.names,
-            symbols=first.symbols,
+            names=plan.names,
+            symbols=plan.symbols,
             velocity=shots,
-            coefficient=first.slopes(shots)[0],
-            uncertainty=np.array(first.shots(shots)[1]),
+            coefficient=plan.slopes(shots)[0],
+            uncertainty=np.array(plan.shots(shots)[1]),
             bounds=(float(grid[0]), float(grid[-1])),
             over=over,
             minimised=(reached, now if is_known else None, by_even),
@@ -317,11 +269,10 @@ def optimal_velocities(
             equally_spaced=even_errors,
             before=before if is_known else None,
             gain=sizes[2] / sizes[0],
-            efficiency=min(math.exp(bound - levels[0]), 1.0),
             grid=grid,
-            slopes=first.slopes(grid)[1],
-            taken_as_known=first.taken_as_known,
-            sensors=first.sensors,
+            slopes=plan.slopes(grid)[1],
+            taken_as_known=plan.taken_as_known,
+            sensors=plan.sensors,
             without=without,
         )
 
@@ -358,37 +309,30 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
     return gradient
 
 
-def _weight(criterion: str, plans: Sequence[Plan], aims: np.ndarray, over) -> Matrices | None:
-    """L of each law, or None; see `Criterion`."""
+def _weight(criterion: str, plan: Plan, aim: np.ndarray, over) -> Matrices | None:
+    """L, or None; see `Criterion`."""
     if criterion == "D":
         return None
     if criterion == "c":
-        return aims[:, :, None] * aims[:, None, :]
+        return np.outer(aim, aim)
     if criterion == "A":
-        return np.broadcast_to(np.eye(aims.shape[1]) / aims.shape[1], (*aims.shape, aims.shape[1]))
-    curve = np.stack([plan.slopes(np.linspace(over[0], over[1], CURVE))[1] for plan in plans])
-    return np.swapaxes(curve, 1, 2) @ curve / CURVE
+        return np.eye(len(aim)) / len(aim)
+    curve = plan.slopes(np.linspace(over[0], over[1], CURVE))[1]
+    return curve.T @ curve / CURVE
 
 
-def _table(plans: Sequence[Plan], velocity: Column) -> Matrices:
-    """Information of a shot at each velocity, (laws, k, p, p)."""
-    return np.stack([plan.shots(velocity)[0] for plan in plans])
-
-
-def _grid(plans: Sequence[Plan], low: float, high: float) -> Column:
+def _grid(plan: Plan, low: float, high: float) -> Column:
     """Velocities between the bounds, equally spaced on two scales, denser around yield."""
-    yields = np.array([yield_velocity(plan.material.law) or 0.0 for plan in plans])
-    near = np.outer(yields, [*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)]).ravel()
+    yields = yield_velocity(plan.material.law) or 0.0
+    near = yields * np.array([*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)])
     inside = near[(low < near) & (near < high)]
     return np.unique([*np.linspace(low, high, SPREAD), *np.geomspace(low, high, SPREAD), *inside])
 
 
-def _sought(
-    plans: Sequence[Plan], rule: Criterion, grid: Column, even: Column, starts, seed, progress
-):
+def _sought(plan: Plan, rule: Criterion, grid: Column, even: Column, starts, seed, progress):
     """The best shots from all starts: equally spaced ones, and a few velocities drawn at random."""
-    random, table, ends = np.random.default_rng(seed), _table(plans, grid), []
-    few = min(len(even), len(plans[0].names) + 1)
+    random, table, ends = np.random.default_rng(seed), plan.shots(grid)[0], []
+    few = min(len(even), len(plan.names) + 1)
     for k in range(starts):
         start = np.clip(np.searchsorted(grid, even), 0, len(grid) - 1)
         if k:
@@ -403,5 +347,5 @@ def _sought(
         finer = [np.linspace(low, high, FINER) for low, high in around]
         velocity = np.unique(np.concatenate([*finer, chosen]))
         start = np.searchsorted(velocity, chosen)
-        places, _ = rule.exchanged(_table(plans, velocity), start)
+        places, _ = rule.exchanged(plan.shots(velocity)[0], start)
     return velocity[places]

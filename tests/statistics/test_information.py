@@ -324,7 +324,7 @@ def brute_force(criterion: str, count: int) -> float:
 
 @pytest.mark.parametrize("criterion", VARIANCES)
 def test_each_criterion_is_as_small_as_a_brute_force_search_makes_it(criterion):
-    """And no random design is better than the bound on the efficiency says."""
+    """And no random design is better."""
     aim, variance = {"target": "rate"} if criterion == "c" else {}, VARIANCES[criterion]
     found = cal.optimal_velocities(DECAY, 5, BOUNDS, criterion=criterion, starts=4, **aim)
     reached = math.log(variance(covariance(found.velocity)))
@@ -336,12 +336,11 @@ def test_each_criterion_is_as_small_as_a_brute_force_search_makes_it(criterion):
     assert now is None
     assert (here, spaced) == pytest.approx(np.exp([0.5 * reached, 0.5 * even]), rel=0.02)
     assert f"(criterion {criterion}) will be {here:.3g}; it would be {spaced:.3g}" in str(found)
-    assert 0.9 < found.efficiency <= 1
     errors = np.sqrt(np.diag(covariance(found.velocity)))
     np.testing.assert_allclose(list(found.relative_errors.values()), errors, rtol=1e-6)
     random = np.random.default_rng(4)
     others = [math.log(variance(covariance(random.uniform(*BOUNDS, 5)))) for _ in range(200)]
-    assert min(others) > reached + math.log(found.efficiency) - 1e-6
+    assert min(others) > reached - 1e-6
 
 
 def test_the_best_place_for_two_parameters_of_a_decay_is_known():
@@ -350,13 +349,12 @@ def test_the_best_place_for_two_parameters_of_a_decay_is_known():
     options = {"criterion": "D", "starts": 3, "progress": lambda *call: calls.append(call)}
     found = cal.optimal_velocities(DECAY, 8, BOUNDS, **options)
     assert found.support == [(1.0, 4), (pytest.approx(26.0, rel=1e-4), 4)]
-    assert found.efficiency > 0.999  # an even number can be halved
     assert calls == [("velocities", k, 3) for k in (1, 2, 3)]
     first, second, *_ = str(found).splitlines()
     assert first == "Best shots: 4 at 1 m/s (ε = 0.817 ± 0.01), 4 at 26 m/s (ε = 0.300 ± 0.01)."
     start = "The geometric mean of the standard errors of ln θ, correlations included (criterion D) will be "
     assert second.startswith(f"{start}{found.minimised[0]:.3g}; it would be ")
-    assert "shots equally spaced. No 8 shots make it more than 0.1 % smaller." in second
+    assert second.endswith(" with shots equally spaced.")
     text = "Velocities allowed: 1 to 60 m/s; planned 1 to 26 m/s, standard uncertainty of ε 0.01."
     assert text in str(found)
     assert "cannot test the law" not in str(found)
@@ -364,8 +362,7 @@ def test_the_best_place_for_two_parameters_of_a_decay_is_known():
     assert table["support"][0] == {"velocity": 1.0, "shots": 4}
     assert table["relative_errors"] == found.relative_errors
     odd = cal.optimal_velocities(DECAY, 7, BOUNDS, criterion="D", starts=3, seed=7)
-    # of 7 shots 3 and 4: √(4 · 3 · 4)/7 of what halves would give
-    assert odd.efficiency == pytest.approx(math.sqrt(48) / 7, abs=2e-3)
+    assert sorted(count for _, count in odd.support) == [3, 4]
     again = cal.optimal_velocities(DECAY, 7, BOUNDS, criterion="D", starts=3, seed=7)
     np.testing.assert_array_equal(odd.velocity, again.velocity)
 
@@ -404,23 +401,6 @@ def test_what_is_measured_already_counts():
     assert found.before["rate"] == pytest.approx(expected, rel=1e-6)
     assert found.minimised[1] == pytest.approx(expected, rel=1e-6)
     assert f"it is {expected:.3g} now, and would be" in str(found)
-
-
-def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():
-    """Two rates 1/25 and 1/10 (D, Box and Lucas as above): between the two optima."""
-    laws = [DECAY, Decay(0.85, 0.1)]
-    found = cal.optimal_velocities(laws, 6, BOUNDS, criterion="D", starts=3)
-
-    def mean_log(v):
-        return np.mean([np.linalg.slogdet(covariance(v, rate=law.rate))[1] for law in laws])
-
-    scan = [mean_log(np.repeat([1.0, second], 3)) for second in np.linspace(2.0, 60.0, 2000)]
-    assert mean_log(found.velocity) <= min(scan) + 1e-4
-    assert 11.0 < found.velocity[-1] < 26.0
-    each = [np.sqrt(np.diag(covariance(found.velocity, rate=law.rate))) for law in laws]
-    expected = np.sqrt(np.mean(np.square(each), axis=0))
-    np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-6)
-    assert found.before is None
 
 
 def test_shots_at_a_data_set_are_aimed_at_its_own_parameter():
