@@ -29,10 +29,9 @@ from calibration.errors import DataError
 from calibration.fitting.laws import LINE, several_yields, sigma_of
 from calibration.fitting.material import Band, Estimate
 from calibration.fitting.problem import DRAG
-from calibration.fitting.profiles import estimate_of
 from calibration.fitting.request import Request, SetSpec
 from calibration.fitting.stages import ComponentFit, StageFit, fitted
-from calibration.fitting.summary import derived_of, eps_up_of
+from calibration.fitting.summary import eps_up_of
 from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
 
@@ -40,8 +39,6 @@ PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through
 STEEPEST = 20.0  # ψ at the end of an interval: there is no loss below first yield
 ROUNDING = 1e-9  # of χ̃: errors below are not used; of ε_up: what is 1; of E/Y: what is one
 TINY = np.finfo(float).tiny
-WIDE = 30.0  # ratio of an interval's ends, from which on it is of no use; of ε_up their difference
-WIDE_EPS_UP = 0.1
 # the scales on which errors of the losses are normal, and back
 SCALES = {"eps_up": (special.logit, special.expit)}
 SCALES |= dict.fromkeys(("sigma", "psi"), (np.log, np.exp))
@@ -82,8 +79,6 @@ class Line:
     Attributes:
         c1, c2: fitted directly to all curves at once.
         rms: of each material's curve with χ̃ from the line.
-        chi: what the line gives for each material.
-        through_chi: c1 and c2 through the fitted χ̃ with their weights instead.
         covariance: of c1 and c2, with what the scatter about the line adds; None where the data have
             no noise.
         materials: those that it was fitted to, by themselves.
@@ -94,14 +89,17 @@ class Line:
     c1: Estimate
     c2: Estimate
     rms: dict[str, float]
-    chi: dict[str, Estimate]
-    through_chi: dict[str, Estimate]
     converged: bool
     covariance: tuple[tuple[float, float], tuple[float, float]] | None = None
     materials: tuple[LineMaterial, ...] = ()
     options: dict[str, str] | None = None
     area: str = "zhou"
     confidence: float = 0.95
+
+    @property
+    def chi(self) -> dict[str, float]:
+        """χ̃ on the line of each material that it was fitted to."""
+        return {m.name: float(self._line(m.yield_ratio)) for m in self.materials}
 
     @property
     def scatter(self) -> float | None:
@@ -230,9 +228,6 @@ class Line:
         scatter, ends = self.scatter, f", {100 * self.confidence:g} % interval {{:.4g}} to {{:.4g}}"
         known = "" if chi.standard_error is None else ends.format(chi.low, chi.high)
         lines = [f"unloading factor {chi.value:.4g}{known}, by Eq. (18) at E/Y = {ratio:.4g}"]
-        if chi.high is not None and chi.low is not None and chi.high > WIDE * chi.low:
-            text = "warning: this interval is too wide to be of use: fit more materials"
-            lines.append(f"{text}, as {count} leave the line few degrees of freedom")
         of_scatter = "unknown, as two materials leave no degree of freedom"
         if scatter is not None:
             freedom = f"{count} materials, {count - 2} degree{'s' * (count > 3)} of freedom"
@@ -245,11 +240,6 @@ class Line:
             low, high = plain(mean - reach), plain(mean + reach)
             text = f"{name} {plain(mean):.4g}{ends.format(low, high)}"
             lines.append(f"{text}: the mean of the fitted materials and their scatter")
-            if high > WIDE * low or (name == "eps_up" and high - low > WIDE_EPS_UP):
-                lines.append(
-                    f"warning: a mean of {degrees + 1:.0f} materials has few degrees of freedom, and this "
-                    f"interval is too wide to be of use: state {name} (--{name.replace('_', '-')})"
-                )
         least, most = self.range
         if not least <= ratio <= most:
             text = f"warning: extrapolation: E/Y = {ratio:.4g}"
@@ -376,59 +366,40 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     if request.options.unloading_line is None or len(x) < 2 or np.ptp(x) <= ROUNDING * np.max(x):
         return None
     has_noise = _have_noise(materials)
-    c, normal, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
+    c, _, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
     joint = _joint(request, with_chi, c)
     names, specs = [e.name for e in joint.component.elements], joint.component.specs
     places = [names.index(name) for name in LINE]
-    estimates = [estimate_of(joint, place, None, confidence) for place in places]
-    slope, contact = joint.slope[places], specs[0].data.contact
+    problem, contact = joint.final.problem, specs[0].data.contact
     assert contact is not None
-    problem = joint.final.problem
     off = problem.linearise(joint.z[None]).prediction[0] - problem.points.value
+    c1, c2 = (Estimate(float(joint.theta[place]), method="wald", free=True) for place in places)
     line = Line(
-        c1=estimates[0],
-        c2=estimates[1],
+        c1=c1,
+        c2=c2,
         rms={
             spec.data.name: float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2)))
             for g, spec in enumerate(specs)
         },
-        chi={s.data.name: derived_of(joint, g, confidence)["chi"] for g, s in enumerate(specs)},
-        through_chi={},
         converged=bool(joint.final.ends.converged[0]),
         materials=materials,
         options=dict(specs[0].model.options),
         area=contact.area,
         confidence=confidence,
     )
-    scatter = line.scatter or 0.0
-    added = (influence * (scatter * line._line(x)) ** 2) @ influence.T
-    covariance = joint.uncertainty.covariance[np.ix_(places, places)] * np.outer(slope, slope)
-    degrees = min(float(fit.uncertainty.degrees[k]) for fit, _, k in with_chi)
-    reach = float(quantile(confidence, len(x) - 2 if scatter else degrees))
-
-    def with_error(estimate: Estimate, variance: float) -> Estimate:
-        """With the error of a variance; without one where the data have no noise."""
-        if not has_noise or estimate.value is None:
-            return replace(estimate, standard_error=None, low=None, high=None)
-        error = float(variance**0.5)
-        low, high = estimate.value - reach * error, estimate.value + reach * error
-        return replace(estimate, standard_error=error, low=low, high=high)
-
-    through = [Estimate(float(value), method="wald", free=True) for value in c]
-    through = list(map(with_error, through, np.diag(normal + added)))
-    is_known = has_noise and bool(np.all(np.isfinite(covariance)))
-    if scatter or not has_noise:
-        estimates = [
-            e if has_noise and e.standard_error is None else with_error(e, variance)
-            for e, variance in zip(estimates, np.diag(covariance + added), strict=True)
-        ]
-    line = replace(
-        line,
-        c1=estimates[0],
-        c2=estimates[1],
-        through_chi=dict(zip(LINE, through, strict=True)),
-        covariance=_rows(covariance + added) if is_known else None,
-    )
+    if has_noise:
+        scatter, slope = line.scatter or 0.0, joint.slope[places]
+        covariance = joint.uncertainty.covariance[np.ix_(places, places)] * np.outer(slope, slope)
+        covariance += (influence * (scatter * line._line(x)) ** 2) @ influence.T
+        if np.all(np.isfinite(covariance)):
+            degrees = len(x) - 2 if scatter else joint.uncertainty.degrees[places]
+            errors = np.sqrt(np.diag(covariance))
+            reach = quantile(confidence, degrees) * errors
+            c1, c2 = (
+                replace(e, standard_error=float(u), low=float(e.value - r), high=float(e.value + r))
+                for e, u, r in zip((c1, c2), errors, reach, strict=True)
+            )
+            line = replace(line, c1=c1, c2=c2, covariance=_rows(covariance))
     return line, joint.final
 
 

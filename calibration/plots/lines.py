@@ -37,7 +37,7 @@ def lines_of(result: Any, with_paper: bool = False) -> dict[str, list[Line]]:
         is_printed = with_paper and fit.name in entries
         lines[fit.name] = _paper_lines(fit, entries[fit.name]) if is_printed else []
         if shared is not None and len(shared.chi) > 2 and fit.name in shared.chi:
-            moved = replace(fit, values={**fit.values, "chi": shared.chi[fit.name].value})
+            moved = replace(fit, values={**fit.values, "chi": shared.chi[fit.name]})
             label = r"Zhou, $\tilde\chi$ by Eq. (18) fitted to all"
             lines[fit.name].append(_line_of(moved, label, style.SKY, "-.", True))
     return lines

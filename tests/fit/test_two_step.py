@@ -53,11 +53,10 @@ def test_the_line_of_eq_18_has_larger_residuals_and_is_found_by_levenberg_and_ma
     for name, rms in LINE_RMS.items():
         assert line.rms[name] == pytest.approx(rms, abs=6e-5)
         on_line = line.c1.value + line.c2.value * float(pair(name).yield_ratio)
-        assert line.chi[name].value == pytest.approx(on_line, rel=1e-12)
+        assert line.chi[name] == pytest.approx(on_line, rel=1e-12)
         found = alone.values["c1"] + alone.values["c2"] * float(pair(name).yield_ratio)
         assert alone.values[f"chi[{name}]"] == pytest.approx(found, rel=1e-9)
         assert float(np.asarray(alone.law[name].chi)) == pytest.approx(found, rel=1e-9)
-    assert line.through_chi["c2"].value != pytest.approx(line.c2.value, rel=1e-2)
     other = cal.fit(cal.paper_materials(), **QUICK)
     for name, value in result.values.items():
         assert other.values[name] == pytest.approx(value, rel=1e-7)
@@ -180,22 +179,18 @@ def three(names=NAMES):
 
 
 def test_the_line_weighs_what_is_fitted_on_any_scale(tmp_path):
-    """NumPy's weighted line through the fitted χ̃ and their standard errors, and these with the scatter."""
+    """Errors as of NumPy's weighted line through the fitted χ̃, with the scatter."""
     sets = three()
     result = cal.fit(sets, parameters={"chi": Free(bounds=(0.01, 2.5))}, **QUICK)
     ratio = [float(pair(name).yield_ratio) for name in NAMES]
-    chi = [result.values[f"chi[{name}]"] for name in NAMES]
     errors = np.array([result.standard_errors[f"chi[{name}]"] for name in NAMES])
-    line = np.polyfit(ratio, chi, 1, w=1 / errors)
     influence = np.stack([np.polyfit(ratio, one, 1, w=1 / errors) for one in np.eye(3)], axis=1)
     scatter = result.unloading_line.scatter
     c1, c2 = (getattr(result.unloading_line, name).value for name in ("c1", "c2"))
     size = np.hypot(errors, scatter * (c1 + c2 * np.array(ratio)))
     expected = np.sqrt(influence**2 @ size**2)
-    found = result.unloading_line.through_chi
-    for name, value, error in zip(("c2", "c1"), line, expected, strict=True):
-        assert found[name].value == pytest.approx(value, rel=1e-9)
-        assert found[name].standard_error == pytest.approx(error, rel=1e-6)
+    found = [getattr(result.unloading_line, name).standard_error for name in ("c2", "c1")]
+    assert found == pytest.approx(expected, rel=0.1)
     result.report(tmp_path)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert f"c2 include the scatter about the line, {100 * scatter:.2g} %." in report
@@ -278,12 +273,12 @@ def test_law_scatter_and_intervals_are_those_of_weighted_least_squares(six):
     influence = np.linalg.inv(design.T @ (design / error[:, None] ** 2)) @ (design.T / error**2)
     covariance = (influence * variance) @ influence.T
     for k, name in enumerate(("c1", "c2")):
-        through, of_curves = line.through_chi[name], getattr(line, name).standard_error
-        assert through.standard_error == pytest.approx(covariance[k, k] ** 0.5, rel=1e-6)
-        ends = through.value + stats.t.ppf([0.025, 0.975], 4) * through.standard_error
-        assert [through.low, through.high] == pytest.approx(ends, rel=1e-9)
-        assert of_curves == pytest.approx(through.standard_error, rel=0.1)
-        assert line.covariance[k][k] == pytest.approx(of_curves**2, rel=1e-9)
+        coefficient = getattr(line, name)
+        error = coefficient.standard_error
+        assert error == pytest.approx(covariance[k, k] ** 0.5, rel=0.1)
+        ends = coefficient.value + stats.t.ppf([0.025, 0.975], 4) * error
+        assert [coefficient.low, coefficient.high] == pytest.approx(ends, rel=1e-9)
+        assert line.covariance[k][k] == pytest.approx(error**2, rel=1e-9)
     found = line.unloading_factor(NEXT, confidence=0.9)
     size = np.sqrt(AT @ line.covariance @ AT + (line.scatter * found.value) ** 2)
     assert found.standard_error == pytest.approx(size, rel=1e-9)
@@ -338,14 +333,7 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(six, 
     result = cal.fit(sets[::3], starts=4, profiles=False)
     line, contact = result.unloading_line, NEXT
     assert line.scatter is None
-    remarks = line.remarks(contact)
-    assert "scatter about the line: unknown, as two materials" in remarks[1]
-    (advice,) = [text for text in remarks if "too wide to be of use" in text]
-    assert advice.startswith("warning: a mean of 2 materials has few degrees of freedom")
-    assert advice.endswith("(--eps-up)")
-    assert not any("too wide" in text for text in line.remarks(contact, eps_up=0.97))
-    nearly_sure = replace(six[3], confidence=1 - 1e-9).remarks(contact, eps_up=0.97)
-    assert "is too wide to be of use: fit more materials, as 6 leave" in nearly_sure[1]
+    assert "scatter about the line: unknown, as two materials" in line.remarks(contact)[1]
     covariance = np.array(line.covariance)
     assert covariance[0, 0] == pytest.approx(line.c1.standard_error**2, rel=1e-9)
     found = line.unloading_factor(contact)
@@ -396,7 +384,6 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     printed, error = capsys.readouterr()
     assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in printed
     assert "eps_up 0.9" in printed
-    assert "too wide to be of use" not in printed
     measured = np.concatenate([fit.data.velocity for fit in result.materials])
     ends = f"{measured.min():.4g} to {measured.max():.4g} m/s"
     assert f"the data of the fitted materials from {ends}" in error
