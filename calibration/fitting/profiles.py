@@ -17,7 +17,7 @@ from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.stages import ComponentFit
-from calibration.fitting.uncertainty import quantile, third_derivatives
+from calibration.fitting.uncertainty import quantile
 from calibration.parameters import LOGIT, NONE
 from calibration.schema import Real
 
@@ -360,32 +360,16 @@ def estimates(
     fit: ComponentFit, curves: dict[str, Profile], confidence: float
 ) -> dict[int, Estimate]:
     """Estimates of each element of the component."""
-    bends = None
-    if fit.is_likelihood and not curves:
-        bends = third_derivatives(fit.final.problem, fit.z, fit.uncertainty)
     table = {}
     for k, e in enumerate(fit.component.elements):
         estimate = estimate_of(fit, k, curves.get(e.label), confidence)
         is_read = "[" not in e.name and e.name != DRAG
         if estimate.method == "wald" and estimate.standard_error is not None and is_read:
-            estimate = replace(estimate, skewed=_is_skewed_by(fit, k, estimate, confidence, bends))
+            estimate = replace(estimate, skewed=None)
             if not curves and np.any(fit.uncertainty.limits):  # too narrow: another is held
                 estimate = replace(estimate, low=None, high=None)
         table[k] = estimate
     return table
-
-
-def _is_skewed_by(fit: ComponentFit, k: int, estimate: Estimate, confidence: float, bends):
-    """Judged by the third derivative: where ends of the profile would lie, to first order in it."""
-    if bends is None:
-        return None
-    q = float(quantile(confidence, fit.uncertainty.degrees[k]))
-    shift = -bends[k] * q**2 / 6
-    transform = fit.final.problem.transform.part(np.array([k]))
-    error = float(fit.uncertainty.errors[k])
-    ends = transform.physical(fit.z[k] + error * np.array([[shift - q], [shift + q]]))[:, 0]
-    low, high = sorted(map(float, ends))
-    return is_skewed(estimate.value, estimate.standard_error, low, high, q)
 
 
 def is_skewed(value, error, low: float | None, high: float | None, quantile: float) -> bool:

@@ -44,7 +44,6 @@ RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to
 NO_ERROR = 50.0  # a standard error in log units that says nothing
 DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact gradient
 OF_ERROR = 0.1  # of that step, in standard errors, where weights of points move with the residuals
-BEND_STEP = 0.1  # in standard errors, of the third derivative
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 FOLLOWS = 0.1  # of its error by which an element follows another by a factor of e: it counts as undetermined
 SIDES = np.array([-2, -1, 1, 2])
@@ -429,27 +428,6 @@ def gradient_slopes(
     ).reshape(len(ways), 4, -1)
     far_down, down, up, far_up = np.moveaxis(gradient, 1, 0)
     return (8 * (up - down) - (far_up - far_down)) / (12 * steps)
-
-
-def third_derivatives(problem: Problem, z, known: Uncertainty) -> np.ndarray | None:
-    """Third derivative of -ln p along each element while the others follow, in standard errors.
-
-    That of the profile likelihood is the same. From the exact gradient on both sides; None where second
-    derivatives were not taken either.
-    """
-    problem = condensed(problem, z)
-    if not known.definite or not asks_for_curvature(problem):
-        return None
-    bends = np.zeros(len(z))
-    covariance = np.nan_to_num(known.covariance)
-    every = [k for k in problem.active if known.known[k] and covariance[k, k] > 0]
-    if not every:
-        return bends
-    ways = covariance[every] / np.sqrt(np.diag(covariance)[every])[:, None]
-    gradient = problem.linearise(z + BEND_STEP * np.concatenate([ways, -ways])).gradient
-    along = np.einsum("fp,fp->f", gradient, np.tile(ways[:, problem.active], (2, 1)))
-    bends[every] = along.reshape(2, -1).sum(axis=0) / BEND_STEP**2
-    return bends
 
 
 def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, "m"]:

@@ -48,10 +48,6 @@ LAW_OR_GROUPS = (
     f"The law misses a trend ({OTHER_LAWS}), or other points belong together than those of the "
     "groups; intervals are too narrow."
 )
-WITH_PROFILES = (
-    "Fit with profiles, or sample the posterior: this interval, from the standard error, covers less "
-    "than stated."
-)
 AT_ONE = (
     "The data show no loss but the plastic one: eps_up cannot exceed 1; its interval is one-sided."
 )
@@ -91,8 +87,7 @@ def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dic
         found.append(FitWarning("rank-deficient", cause, owner))
     for owner, names in skewed_names.items():
         cause = f"the likelihood is skewed in {' and '.join(names)}"
-        advice = WITH_PROFILES if fit.converged and not curves else ""
-        found.append(FitWarning("skewed", cause, owner, advice))
+        found.append(FitWarning("skewed", cause, owner))
     found += _collinear(fit, separation)
     for stage in fit.stages:
         for data in stage.problem.datasets:

@@ -236,11 +236,8 @@ def compare(
     for candidate in watch(candidates, printable(data.name)):
         key = candidate.key
         acting = {n: v for n, v in options.items() if key in LAW_OPTIONS.get(n, (key,))}
-        refit = partial(fit, data, candidate.law, candidate.stated, unloading_line=None, **acting)
         try:
-            result = refit(profiles=False)
-            if any(estimate.skewed for estimate in result.estimates.values()):
-                result = refit()  # no ± describes it
+            result = fit(data, candidate.law, candidate.stated, unloading_line=None, **acting)
             left = result.leave_one_out()
             entries.append(Entry(key, candidate.label, candidate.remark, result, left))
         except (DataError, InputError) as error:
