@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import softjax as sj
 from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT
-from calibration.fitting.methods import TINY
+from calibration.fitting.methods import TINY, Condensed, condense
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.request import Component, Request, assemble
@@ -419,6 +420,12 @@ class ComponentFit:
     def slope(self) -> np.ndarray:
         """dθ/dz."""
         return self.final.problem.transform.slope(self.z)
+
+    @cached_property
+    def condensed(self) -> Condensed:
+        """The last stage at its end."""
+        linear = self.final.problem.linearise(self.z[None])
+        return condense(linear.residual, linear.jacobian)
 
     @property
     def begun(self) -> np.ndarray:

@@ -11,7 +11,6 @@ import softjax as sj
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eq_17, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
-from calibration.fitting.methods import TINY
 from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
@@ -252,12 +251,10 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
             gradient[k] = (8 * (up - down) - (far_up - far_down)) / (12 * DIFFERENCE * scale)
     acting = (gradient != 0) & (fit.uncertainty.limits == 0)
     whole = fit.uncertainty.covariance
-    rows = fit.final.problem.linearise(fit.z[None]).jacobian[0]
-    size = np.maximum(np.linalg.norm(rows, axis=0), TINY)
-    _, singular, directions = np.linalg.svd(rows / size, full_matrices=False)
-    seen = directions[singular > RANK_TOLERANCE * np.max(singular, initial=0.0)]
-    way = gradient[fit.final.problem.active] / size
-    hidden = np.linalg.norm(way - seen.T @ (seen @ way))
+    at_end, active = fit.condensed, fit.final.problem.active
+    singular, way = at_end.singular[0], gradient[active] / at_end.size[0]
+    seen = at_end.directions[0][:, singular > RANK_TOLERANCE * np.max(singular, initial=0.0)]
+    hidden = np.linalg.norm(way - seen @ (seen.T @ way))
     if fit.is_likelihood and hidden <= NULL_SHARE * np.linalg.norm(way):  # along no null direction
         whole = fit.uncertainty.of_predictions
     covariance = whole[np.ix_(acting, acting)]
