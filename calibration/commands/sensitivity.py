@@ -5,9 +5,11 @@
     softjax sensitivity nylon --study design --shots 10 --criterion D --free yield_strength=2e6
     softjax sensitivity nylon --study global --range chi=0.1:0.4 --range density=1100:1200
     softjax sensitivity --fit results/fit.json --material nylon --study design
+    softjax sensitivity --fit results/fit.json --posterior results/posterior.nc --study design
 
 With --fit, information and design add to what the fit determines already, plan points of the kind that
-its data are, and repeat its warnings. A design's shots are in design.csv.
+its data are, and repeat its warnings. A design's shots are in design.csv. With draws of the posterior a
+design is the best on average over some of them.
 """
 
 import argparse
@@ -53,7 +55,7 @@ SHOTS = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_source_arguments(parser)
+    add_source_arguments(parser, posterior=True)
     add_route_arguments(parser)
     add = parser.add_argument_group("study").add_argument
     add("--study", choices=(*STUDIES, "all"), default="local", help="default: local")
@@ -135,8 +137,9 @@ class _Job:
         self.inputs = inputs_of(self.source)
         self.scale, self.seed = arguments.scale or "uniform", arguments.seed or 0
         self.ranges = ranges_of(arguments.range, self.scale, self.inputs, self.source)
-        self.fit = self.source.result
+        self.fit, draws = self.source.result, self.source.draws
         self.subject = self.source.law if self.fit is None else self.fit
+        self.draws = [] if draws is None else self.fit.at_draws(draws)
         self.options = _options(arguments, self.source) | {"route": self.route}
         self.contact = getattr(self.source.law, "contact", None)
         self.text = [self.source.remark]
@@ -240,7 +243,7 @@ def _design(job: _Job) -> dict[str, Any]:
     arguments, over = job.arguments, job.arguments.over
     limit = getattr(job.contact, "limit_velocity", math.inf)
     design = optimal_velocities(
-        job.subject,
+        job.draws or job.subject,
         SHOTS if arguments.shots is None else arguments.shots,
         (job.low, min(job.high, 0.999 * float(limit))),
         criterion=arguments.criterion or "c",
@@ -253,9 +256,11 @@ def _design(job: _Job) -> dict[str, Any]:
     )
     save(studies.plot_design(design), job.folder / "design.png")
     write_text(job.folder / "design.csv", design_csv(design, job.source.fall))
+    count = len(job.draws)
+    average = f"on average over {count} draws of the posterior: " if count else ""
     drops = "" if job.source.fall is None else f"\n{drops_text(design, job.source.fall)}"
-    job.text.append(wrapped(f"{design}{drops}"))
-    return design.to_dict()
+    job.text.append(wrapped(f"{average}{design}{drops}"))
+    return design.to_dict() | ({"draws": count} if count else {})
 
 
 def _sobol(job: _Job) -> dict[str, Any]:

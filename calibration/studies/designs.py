@@ -1,11 +1,12 @@
 """Designs: the velocities at which further shots determine parameters best.
 
 What a shot adds depends on its velocity alone, so it is tabulated over a grid. Shots are exchanged over
-the grid, one at a time, from several starts, then placed more finely.
+the grid, one at a time, from several starts, then placed more finely. Several laws, or draws of a
+posterior, stand side by side; the logarithm of the criterion is averaged over them.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -73,11 +74,12 @@ class Design(Planned):
         minimised: the criterion as a standard error: with the new shots, before them (None where
             nothing was known), and with as many shots equally spaced.
         relative_errors: expected standard error of ln θ with the new shots and what was known
-            before, and of a target that follows from θ; None for parameters that are not determined.
+            before, and of a target that follows from θ; of several laws the root mean square; None
+            for parameters that are not determined.
         equally_spaced: the same for as many shots equally spaced over the bounds.
         gain: the criterion as a standard error (the target's for "c", the geometric mean of all for
             "D") with equally spaced shots over that with these.
-        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p).
+        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
     """
 
     criterion: str
@@ -133,32 +135,34 @@ class Design(Planned):
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """Objective to minimise: the logarithm of a mean variance tr(L C).
+    """Objective to minimise: the logarithm of a mean variance tr(L C), averaged over the laws.
 
     Attributes:
-        weight: L, (p, p); None for D: the geometric mean of the variances, correlations counted.
-        before: A₀, (p, p).
+        weight: L, (laws, p, p); None for D: the geometric mean of the variances, correlations counted.
+        before: A₀, (laws, p, p).
     """
 
     weight: Matrices | None
     before: Matrices
 
     def value(self, information: Matrices) -> Any:
-        """Its logarithm, of (..., p, p)."""
+        """Its logarithm, of (laws, ..., p, p)."""
         covariance = covariance_of(information)
         if self.weight is None:
-            return np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
-        return np.log(np.einsum("ij,...ij->...", self.weight, covariance))
+            level = np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
+        else:
+            level = np.log(np.einsum("lij,l...ij->l...", self.weight, covariance))
+        return np.mean(level, axis=0)
 
     def exchanged(self, shots: Matrices, places: Any) -> tuple[Int[np.ndarray, "n"], float]:
         """Each shot moved to its best place until none moves any more, and the criterion there."""
         places = np.array(places)
-        best = float(self.value(self.before + np.sum(shots[places], axis=0)))
+        best = float(self.value(self.before + np.sum(shots[:, places], axis=1)))
         while True:
             begun = best
             for i in range(len(places)):
-                others = self.before + np.sum(shots[np.delete(places, i)], axis=0)
-                values = self.value(others + shots)
+                others = self.before + np.sum(shots[:, np.delete(places, i)], axis=1)
+                values = self.value(others[:, None] + shots)
                 k = int(np.argmin(values))
                 if values[k] < best - BETTER:
                     places[i], best = k, float(values[k])
@@ -167,7 +171,7 @@ class Criterion:
 
 
 def optimal_velocities(
-    law: sj.ContactLaw | FitResult,
+    law: sj.ContactLaw | FitResult | Sequence[sj.ContactLaw],
     count: int,
     bounds: tuple[float, float],
     *,
@@ -191,7 +195,8 @@ def optimal_velocities(
     and a few shots elsewhere would show it.
 
     Args:
-        law: with the parameters as far as they are known; or a fit, as `fisher_information` takes it.
+        law: with the parameters as far as they are known; several laws of one kind, over which the
+            logarithm of the criterion is averaged; or a fit, as `fisher_information` takes it.
         count: number of new shots, each of a new specimen or launch where these share
             errors.
         bounds: (lowest, highest) velocity [m/s] that can be shot.
@@ -231,37 +236,42 @@ def optimal_velocities(
     measured_u = u if measured_uncertainty is None else measured_uncertainty
     known = None if measured is None else (measured, measured_u)
     of: Any = {"parameters": parameters, "route": route, "material": material, "sensors": sensors}
+    laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
+    if not laws:
+        raise DataError("law", law, "one law or more, or a FitResult")
     reach = [low, high, *(over if criterion == "I" else ())]
-    plan = plan_of(law, reach, uncertainty=uncertainty, measured=known, **of)
-    even = np.linspace(low, high, count)
-    symbols = dict(zip(plan.names, plan.symbols, strict=True))
+    plans = [plan_of(law, reach, uncertainty=uncertainty, measured=known, **of) for law in laws]
+    first, even = plans[0], np.linspace(low, high, count)
+    symbols = dict(zip(first.names, first.symbols, strict=True))
     with jax.enable_x64(True):
-        target = _target_of(target, plan)
-        aims = plan.aims | {target: _gradient_of(target, plan)}
-        rule = Criterion(_weight(criterion, plan, aims[target], over), plan.before)
-        grid, search = _grid(plan, low, high), (even, starts, seed, progress)
-        shots = _sought(plan, rule, grid, *search)
-        new, spaced = (plan.before + np.sum(plan.shots(v)[0], axis=0) for v in (shots, even))
+        target = _target_of(target, first)
+        aims: dict[str, np.ndarray] = first.aims
+        aims[target] = np.stack([_gradient_of(target, plan) for plan in plans])
+        weight = _weight(criterion, plans, aims[target], over)
+        rule = Criterion(weight, np.stack([plan.before for plan in plans]))
+        grid, search = _grid(plans, low, high), (even, starts, seed, progress)
+        shots = _sought(plans, rule, grid, *search)
+        new, spaced = (rule.before + np.sum(_table(plans, v), axis=1) for v in (shots, even))
         without = None
-        if plan.sensors:
-            bare = replace(plan, sensors={})
-            added = bare.shots(_sought(bare, rule, grid, *search))[0]
-            without = errors_of(plan.before + np.sum(added, axis=0), aims)
-        each = new, plan.before, spaced
+        if first.sensors:
+            bare = [replace(plan, sensors={}) for plan in plans]
+            table = _table(bare, _sought(bare, rule, grid, *search))
+            without = errors_of(rule.before + np.sum(table, axis=1), aims)
+        each = new, rule.before, spaced
         after, before, even_errors = (errors_of(information, aims) for information in each)
         levels = [float(rule.value(information)) for information in each]
         sizes = [math.exp(0.5 * level) for level in levels]
         reached, now, by_even = (size if size <= NO_BOUND else None for size in sizes)
-        is_known = bool(np.any(plan.before))
+        is_known = bool(np.any(first.before))
         return Design(
             criterion=criterion,
             target=target,
             target_symbol=symbols.get(target, symbol(target).text),
-            names=plan.names,
-            symbols=plan.symbols,
+            names=first.names,
+            symbols=first.symbols,
             velocity=shots,
-            coefficient=plan.slopes(shots)[0],
-            uncertainty=np.array(plan.shots(shots)[1]),
+            coefficient=first.slopes(shots)[0],
+            uncertainty=np.array(first.shots(shots)[1]),
             bounds=(float(grid[0]), float(grid[-1])),
             over=over,
             minimised=(reached, now if is_known else None, by_even),
@@ -270,9 +280,9 @@ def optimal_velocities(
             before=before if is_known else None,
             gain=sizes[2] / sizes[0],
             grid=grid,
-            slopes=plan.slopes(grid)[1],
-            taken_as_known=plan.taken_as_known,
-            sensors=plan.sensors,
+            slopes=first.slopes(grid)[1],
+            taken_as_known=first.taken_as_known,
+            sensors=first.sensors,
             without=without,
         )
 
@@ -309,30 +319,37 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
     return gradient
 
 
-def _weight(criterion: str, plan: Plan, aim: np.ndarray, over) -> Matrices | None:
-    """L, or None; see `Criterion`."""
+def _weight(criterion: str, plans: Sequence[Plan], aims: np.ndarray, over) -> Matrices | None:
+    """L of each law, or None; see `Criterion`."""
     if criterion == "D":
         return None
     if criterion == "c":
-        return np.outer(aim, aim)
+        return aims[:, :, None] * aims[:, None, :]
     if criterion == "A":
-        return np.eye(len(aim)) / len(aim)
-    curve = plan.slopes(np.linspace(over[0], over[1], CURVE))[1]
-    return curve.T @ curve / CURVE
+        return np.broadcast_to(np.eye(aims.shape[1]) / aims.shape[1], (*aims.shape, aims.shape[1]))
+    curve = np.stack([plan.slopes(np.linspace(over[0], over[1], CURVE))[1] for plan in plans])
+    return np.swapaxes(curve, 1, 2) @ curve / CURVE
 
 
-def _grid(plan: Plan, low: float, high: float) -> Column:
+def _table(plans: Sequence[Plan], velocity: Column) -> Matrices:
+    """Information of a shot at each velocity, (laws, k, p, p)."""
+    return np.stack([plan.shots(velocity)[0] for plan in plans])
+
+
+def _grid(plans: Sequence[Plan], low: float, high: float) -> Column:
     """Velocities between the bounds, equally spaced on two scales, denser around yield."""
-    yields = yield_velocity(plan.material.law) or 0.0
-    near = yields * np.array([*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)])
+    yields = np.array([yield_velocity(plan.material.law) or 0.0 for plan in plans])
+    near = np.outer(yields, [*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)]).ravel()
     inside = near[(low < near) & (near < high)]
     return np.unique([*np.linspace(low, high, SPREAD), *np.geomspace(low, high, SPREAD), *inside])
 
 
-def _sought(plan: Plan, rule: Criterion, grid: Column, even: Column, starts, seed, progress):
+def _sought(
+    plans: Sequence[Plan], rule: Criterion, grid: Column, even: Column, starts, seed, progress
+):
     """The best shots from all starts: equally spaced ones, and a few velocities drawn at random."""
-    random, table, ends = np.random.default_rng(seed), plan.shots(grid)[0], []
-    few = min(len(even), len(plan.names) + 1)
+    random, table, ends = np.random.default_rng(seed), _table(plans, grid), []
+    few = min(len(even), len(plans[0].names) + 1)
     for k in range(starts):
         start = np.clip(np.searchsorted(grid, even), 0, len(grid) - 1)
         if k:
@@ -347,5 +364,5 @@ def _sought(plan: Plan, rule: Criterion, grid: Column, even: Column, starts, see
         finer = [np.linspace(low, high, FINER) for low, high in around]
         velocity = np.unique(np.concatenate([*finer, chosen]))
         start = np.searchsorted(velocity, chosen)
-        places, _ = rule.exchanged(plan.shots(velocity)[0], start)
+        places, _ = rule.exchanged(_table(plans, velocity), start)
     return velocity[places]

@@ -287,9 +287,12 @@ def covariance_of(information: Matrices) -> Matrices:
 
 
 def errors_of(information: Matrices, aims: Mapping[str, np.ndarray]) -> Errors:
-    """Standard errors of aim · ln θ; None: not determined."""
+    """Standard errors of aim · ln θ, over several laws root mean squares; None: not determined."""
     covariance = covariance_of(information)
-    errors = {name: float(np.sqrt(aim @ covariance @ aim)) for name, aim in aims.items()}
+    errors = {
+        name: float(np.sqrt(np.mean(np.einsum("...i,...ij,...j->...", aim, covariance, aim))))
+        for name, aim in aims.items()
+    }
     return {name: error if error <= NO_BOUND else None for name, error in errors.items()}
 
 

@@ -403,6 +403,23 @@ def test_what_is_measured_already_counts():
     assert f"it is {expected:.3g} now, and would be" in str(found)
 
 
+def test_over_several_laws_the_mean_of_the_logarithm_is_what_is_small():
+    """Two rates 1/25 and 1/10 (D, Box and Lucas as above): between the two optima."""
+    laws = [DECAY, Decay(0.85, 0.1)]
+    found = cal.optimal_velocities(laws, 6, BOUNDS, criterion="D", starts=3)
+
+    def mean_log(v):
+        return np.mean([np.linalg.slogdet(covariance(v, rate=law.rate))[1] for law in laws])
+
+    scan = [mean_log(np.repeat([1.0, second], 3)) for second in np.linspace(2.0, 60.0, 2000)]
+    assert mean_log(found.velocity) <= min(scan) + 1e-4
+    assert 11.0 < found.velocity[-1] < 26.0
+    each = [np.sqrt(np.diag(covariance(found.velocity, rate=law.rate))) for law in laws]
+    expected = np.sqrt(np.mean(np.square(each), axis=0))
+    np.testing.assert_allclose(list(found.relative_errors.values()), expected, rtol=1e-6)
+    assert found.before is None
+
+
 def test_shots_at_a_data_set_are_aimed_at_its_own_parameter():
     """A shared rate joins two data sets; of the other one's level these shots tell little."""
     shared = {"rate": cal.Parameter(shared=True)}

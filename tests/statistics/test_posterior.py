@@ -262,7 +262,7 @@ def draws():
     return drawn(level=(0.92, 0.02), rate=(0.3, 0.04), noise=(0.05, 0.002))
 
 
-def test_a_band_is_of_the_draws(decay, draws):
+def test_a_band_and_fits_at_draws_are_of_the_draws(decay, draws):
     rates = values_of(draws, "rate")[:, None]
     curves = values_of(draws, "level")[:, None] * np.exp(-rates * VELOCITY)
     found = decay.band(VELOCITY, confidence=0.8, draws=draws)
@@ -277,6 +277,12 @@ def test_a_band_is_of_the_draws(decay, draws):
             decay.band(VELOCITY, confidence=confidence, draws=draws)
     with pytest.raises(ValueError, match="`draws` must be of the posterior of this fit"):
         decay.band(VELOCITY, draws=drawn(restitution=(0.9, 0.01)))
+    fits, which = decay.at_draws(draws, 3), [0, 300, 599]
+    for name in ("rate", "level"):
+        found = [getattr(f.law, name) for f in fits]
+        np.testing.assert_array_equal(found, values_of(draws, name)[which])
+    with pytest.raises(ValueError, match="`count` must be a whole number from 1 to 600"):
+        decay.at_draws(draws, 601)
 
 
 def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):
@@ -347,7 +353,8 @@ def test_one_more_measurement_has_the_tails_of_its_noise(dof):
         assert np.mean(band.high - band.low) / 2 == pytest.approx(reach, rel=0.1)
 
 
-def test_curves_are_over_the_draws(tmp_path):
+def test_curves_sensitivities_and_designs_are_over_the_draws(tmp_path):
+    """θ ∂ε/∂θ of a constant is ε itself."""
     folder = tmp_path
     data = cal.RestitutionData(V, 0.9 + 0.05 * np.cos(V))
     cal.fit(data, "constant", profiles=False).save(folder / "fit.json")
@@ -367,6 +374,10 @@ def test_curves_are_over_the_draws(tmp_path):
     code, _, err = run("curve", *given[:3], folder / "other.nc", "--out", folder / "no")
     assert code == 2
     assert "other.nc: no draws can be read" in err
+    options = ("--study", "design", "--shots", "2", "--out", folder / "design")
+    code, out, _ = run("sensitivity", *given, *options)
+    assert code == 0
+    assert "on average over 16 draws of the posterior: Best shots: " in out
 
 
 SAMPLER = {"inference_library": "blackjax", "inference_library_version": "1.2"}

@@ -143,7 +143,7 @@ REFUSED = [
     (lambda: design(bounds=(2.0, 1.0)), "bounds"),
     (lambda: design(bounds=(1.0,)), r"`bounds` must be two numbers, \(low, high\)"),
     (lambda: design(LAW, bounds=(1.0, 1e4)), "velocity"),
-    (lambda: design([]), "`law` must be a contact law or a FitResult"),
+    (lambda: design([]), "`law` must be one law or more"),
     (lambda: design(criterion="G"), "criterion"),
     (lambda: design(criterion="I", over=3.0), r"`over` must be two numbers, \(low, high\)"),
     (lambda: design(over=(1.0, 5.0)), "`over` must be left out with criterion c"),
