@@ -26,6 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tolerance", type=float, default=0.01, metavar="X", help="largest error of ε (0.01)")
     add("--overlap", type=float, metavar="X", help="largest overlap over radius: softer springs")
     add("--steps", type=int, metavar="N", help="time steps in the shortest contact")
+    text = "below the range: the law as it is (none), or the ε of the lowest velocity (hold)"
+    add("--below", choices=("none", "hold"), default="none", help=text)
+    text = "radii of atom types 1, 2, … [m]"
+    add("--sizes", nargs="+", type=float, metavar="R", help=text)
     add = parser.add_argument_group("particle code").add_argument
     add("--to", choices=CODES, required=True, help="the code; c is a header for any other")
     text = "auto (default), linear, hertz-dashpot, viscoelastic, walton-braun, or exact"
@@ -44,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     sj.enable_x64()
     source = read_source(arguments)
-    names = ("tolerance", "steps", "overlap", "losses", "prefix")
+    names = ("tolerance", "steps", "overlap", "losses", "prefix", "below")
     options = {name: getattr(arguments, name) for name in names}
     options["velocity_range"] = _range(arguments.range)
     if source.result is None:
@@ -59,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         material=source.name,
         law=arguments.export_law,
         types=arguments.types and tuple(arguments.types),
+        sizes=arguments.sizes and tuple(arguments.sizes),
         **options,
     )
     if not arguments.quiet:

@@ -11,8 +11,16 @@ from calibration.errors import DataError, InputError, did_you_mean, listed
 from calibration.fitting.laws import LAWS
 from calibration.particle_codes import codes, surrogates
 from calibration.particle_codes.c_table import FORMULAS, table_of
-from calibration.particle_codes.steps import NONE, Steps, steps_within
-from calibration.particle_codes.target import Impacts, Target, impacts_of, number_of
+from calibration.particle_codes.steps import NONE, Steps, hold_error, steps_within
+from calibration.particle_codes.target import (
+    Impacts,
+    Target,
+    impacts_of,
+    number_of,
+    restitution_of,
+    with_contact,
+)
+from softjax.many_body import held_fraction
 
 MOST_OVERLAP = 100.0  # over the radius: nothing that is meant is beyond
 ROOM = 0.1  # of the tolerance, that a law leaves at least for the time step
@@ -30,7 +38,7 @@ class Choice:
 
     `error` is the largest difference of its ε from the target, without steps, whose count is 0 where
     there is no room for their error; overlaps and durations in the code are `softening_factor` times
-    the law's.
+    the law's; `hold` is the fraction of critical damping for ε below the range, 0 without.
     """
 
     key: str
@@ -42,6 +50,8 @@ class Choice:
     error: float
     steps: Steps
     table: dict[str, Any] | None
+    hold: float
+    hold_error: float
 
     @property
     def total(self) -> float:
@@ -89,14 +99,24 @@ def _keys(target: Target, to: str) -> list[str]:
 
 def _refusals(key: str, target: Target, backend: codes.Backend) -> Iterator[tuple[str, str]]:
     """Why a code cannot have this law as it is requested, each with what to do."""
-    law = target.law
-    as_it_is = key == target.options.law and backend.from_loading and type(law) is sj.WaltonBraun
+    law, options = target.law, target.options
+    constant = f"--export-law {' or '.join(codes.CONSTANT)}"
+    as_it_is = key == options.law and backend.from_loading and type(law) is sj.WaltonBraun
     if as_it_is and number_of(law.unloading_stiffness) > number_of(law.loading_stiffness):
         accepted = "k2 that grows from k1; --export-law auto takes the nearest"
         yield "a constant k2 > k1 cannot be written there", accepted
+    if options.below == "hold" and key not in codes.CONSTANT:
+        independent = key == "walton-braun" or isinstance(law, sj.RateIndependentLaw)
+        if key == "viscoelastic" or backend.name == codes.INPUT or not independent:
+            problem = f"the ε of {key} cannot be held below the range by what the code has"
+            yield problem, f"{constant}, whose ε is constant"
     if target.on_wall and not backend.at_walls:
-        accepted = f"--export-law {' or '.join(codes.CONSTANT)}"
-        yield f"{key} loses nothing at a wall there", accepted
+        yield f"{key} loses nothing at a wall there", constant
+    if options.sizes and key == codes.EXACT and type(law) not in FORMULAS:
+        accepted = "each pair exported by itself, with --prefix and --types"
+        yield "a table of forces is for one pair of sizes", accepted
+    if options.sizes and backend.of_mass and not backend.lines_of_pairs:
+        yield f"the damping of {key} is for one mass there", "--export-law hertz-dashpot"
 
 
 def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
@@ -111,9 +131,21 @@ def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
     if backend.name == codes.HEADER and type(law) not in FORMULAS:
         table, interpolation = table_of(law, impacts, options.losses)
         error += interpolation
+    shortest = unscaled = float(np.min(impacts.duration))
+    for *_, contact in target.pairs:
+        of_pair = impacts_of(with_contact(law, contact), velocity, options.losses)
+        requested = restitution_of(with_contact(target.law, contact), velocity, options.losses)
+        error = max(error, float(np.max(np.abs(of_pair.coefficient - requested))))
+        shortest = min(shortest, float(np.min(of_pair.duration)))
+    is_held = options.below == "hold" and key not in codes.CONSTANT
     steps, room = NONE, options.tolerance - error
     if options.steps is not None or room >= ROOM * options.tolerance:
-        steps = steps_within(law, impacts, room, backend, options.steps)
+        fewest = max(backend.fewest, codes.DAMPED * is_held)
+        steps = steps_within(law, impacts, room, fewest, options.steps, backend.scheme_error)
+    hold = off = 0.0
+    if is_held and steps is not NONE:
+        hold = float(held_fraction(impacts.coefficient[0]))
+        off = hold_error(law, impacts, hold, steps.step)
     factor = _softening_factor(impacts, target)
     return Choice(
         key,
@@ -123,8 +155,10 @@ def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
         factor,
         replace(impacts, peak=factor * impacts.peak, duration=factor * impacts.duration),
         error,
-        replace(steps, step=steps.step * factor),
+        replace(steps, step=steps.step * factor * shortest / unscaled),
         table,
+        hold,
+        off,
     )
 
 

@@ -30,6 +30,7 @@ class Backend:
         fewest: time steps in the shortest contact, unless stated.
         from_loading: whether k2 of Walton and Braun's spring can only grow from k1.
         of_mass: whether the damping that is written holds for one effective mass alone.
+        lines_of_pairs: whether each pair of types of atoms has a line of its own.
         scheme_error: the error of ε by N steps in a contact is this over N² at least.
         at_walls: whether it acts at walls too.
     """
@@ -38,6 +39,7 @@ class Backend:
     fewest: int = 10
     from_loading: bool = False
     of_mass: bool = False
+    lines_of_pairs: bool = False
     scheme_error: float = 0.0
     at_walls: bool = True
 
@@ -55,7 +57,7 @@ BACKENDS: dict[str, dict[str, Backend]] = {  # by code and law, in the order of 
     "lammps": {
         "linear": DASHPOT,
         "hertz-dashpot": DASHPOT,
-        "viscoelastic": OF_MASS,
+        "viscoelastic": Backend(INPUT, DAMPED, of_mass=True, lines_of_pairs=True),
         "walton-braun": Backend(HEADER),
         EXACT: Backend(HEADER),
     },

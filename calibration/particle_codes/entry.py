@@ -37,6 +37,8 @@ def export(
     losses: bool = True,
     prefix: str = "softjax",
     types: tuple[int, int] | None = None,
+    below: str = "none",
+    sizes: tuple[float, ...] | None = None,
 ) -> Export:
     """Write a law for a particle code, the cheapest one that keeps a tolerance of ε.
 
@@ -62,6 +64,10 @@ def export(
         prefix: of all names in C, and of the law in LAMMPS. Exports with several prefixes into one folder
             make one plugin with several laws.
         types: the two types of atoms in LAMMPS between which the law acts; all where left out.
+        below: the law of impacts slower than the range: "none", the law as it is, which may lose next to nothing
+            there; or "hold", the ε of the lowest velocity, by a dashpot inside the largest overlap.
+        sizes: radii [m] of the types of atoms 1, 2, … of the scene, all of this material: the tolerance
+            holds for all their pairs, and damping that depends on the mass is written for each.
 
     Returns:
         An `Export`; it prints itself.
@@ -77,7 +83,7 @@ def export(
     """
     options = ExportOptions(
         *(material, velocity_range, tolerance, law, steps, overlap, radius, on_wall),
-        *(losses, prefix, types),
+        *(losses, prefix, types, below, sizes),
     )
     _check(to, options)
     check_writable(out)
@@ -111,6 +117,8 @@ def _check(to: str, options: ExportOptions) -> None:
         ("steps", is_whole, "a whole number of 2 or more"),
         ("prefix", named, f"left out with {to}, whose files go by softjax"),
         ("prefix", re.fullmatch("[a-z][a-z0-9_]*", prefix), "a name in C, of small letters"),
+        ("below", options.below in ("none", "hold"), "none or hold"),
+        ("types", not (types and options.sizes), "left out with sizes, of types 1, 2, …"),
         ("types", types is None or to == "lammps", f"left out with {to}"),
         ("types", two, "two types of atoms, such as 1 2"),
         ("radius", radius is None or 0 < radius < math.inf, "a positive length in m"),

@@ -15,7 +15,7 @@ from calibration.particle_codes.c_table import FORMULAS
 from calibration.particle_codes.codes import HEADER
 from calibration.particle_codes.report import Export
 from calibration.particle_codes.surrogates import softened
-from calibration.particle_codes.target import number_of
+from calibration.particle_codes.target import number_of, with_contact
 from softjax.fields import numbers_of
 from softjax.laws.dashpots import damping_fraction
 from softjax.many_body import end_of
@@ -33,21 +33,26 @@ BEYOND = 2.0  # the overlap up to which k2 grows from k1, over the largest of th
 
 def files_of(export: Export) -> dict[str, str]:
     """The files of an export by name."""
-    choice, options = export.choice, export.options
+    choice, options, target = export.choice, export.options, export.target
     plugin = choice.backend.name == HEADER
     files = {f"{options.prefix}_law.h": _header(export)} if plugin else {}
     if export.to not in INPUTS:
         return files
+    pairs = {" ".join(map(str, options.types or ("*", "*"))): choice.law}
+    if choice.backend.of_mass and target.pairs:
+        pairs = {f"{i} {j}": with_contact(choice.law, contact) for i, j, contact in target.pairs}
     law: dict[str, float] = {}
     if plugin:
         files |= {name: rendered(template) for name, template in PLUGIN.items()}
     else:
+        softer = {types: softened(law, choice.softening_factor) for types, law in pairs.items()}
+        pairs = {types: numbers_of_input(export, law) for types, law in softer.items()}
         law = numbers_of_input(export, softened(choice.law, choice.softening_factor))
     if (export.to, choice.key) == ("liggghts", "hertz-dashpot") and law["restitution"] <= LEAST:
         problem = f"LIGGGHTS takes no coefficientRestitution of {law['restitution']:.3g}"
         raise InputError(None, None, problem, f"above {LEAST}, or --export-law linear")
     template, name = INPUTS[export.to]
-    values = {"plugin": plugin, "prefix": options.prefix, "law": law, "pi": math.pi}
+    values = {"plugin": plugin, "prefix": options.prefix, "pairs": pairs, "law": law, "pi": math.pi}
     return {name.format(options.prefix): rendered(template, export=export, **values), **files}
 
 

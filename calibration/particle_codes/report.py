@@ -102,14 +102,22 @@ class Export:
 
     def _below(self, low: float) -> Iterator[str]:
         """The law of impacts slower than the range."""
-        fit, below = self.target.fit, low / SLOWER
+        choice, fit, below = self.choice, self.target.fit, low / SLOWER
+        constant = f"ε is held at {number(float(choice.impacts.coefficient[0]))}"
+        if choice.hold:
+            within = f"within {number(choice.hold_error, 2)} at this time step"
+            yield f"Below {number(low)} m/s {constant} by a dashpot, {within}."
+            return
         hit = sj.restitution(self.law, np.full(POINTS, below))  # by the program of the range
         slow = float(coefficient_of(hit, self.options.losses)[0])
-        if slow > NEARLY_ELASTIC:
+        elastic, unknown = slow > NEARLY_ELASTIC, fit is not None and below < fit.known_from
+        if elastic:
             where = f"ε is {number(slow, 4)} at {number(below, 2)} m/s"
             yield f"Slower impacts lose nearly nothing ({where}): a bed settles slowly."
-        if fit is not None and below < fit.known_from:
+        if fit is not None and unknown:
             yield f"Below {number(fit.known_from)} m/s the data do not determine ε."
+        if elastic or unknown:
+            yield f"With --below hold {constant} below {number(low)} m/s."
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -119,8 +127,11 @@ class Export:
         others = "two balls" if target.on_wall else "a wall in place of a ball"
         this = SCENES.get(target.on_wall, "this pair")
         of_sizes = f"That error is of {this}: other sizes, or {others}, have another."
-        if choice.backend.of_mass:
-            of_sizes = f"Its damping is for that mass, of {this}: other sizes, or {others}, need another export."
+        if target.pairs:
+            radii = ", ".join(number(size) for size in self.options.sizes or ())
+            of_sizes = f"That error is of all pairs of spheres of radius {radii} m."
+        elif choice.backend.of_mass:
+            of_sizes = f"Its damping is for that mass, of {this}: other sizes, or {others}, need --sizes or another export."
         lines = [
             f"{choice.label}, for {target.name}",
             "",
@@ -154,6 +165,12 @@ class Export:
             "bodies": SCENES.get(self.target.on_wall),
             "warnings": list(self.warnings),
             "contact_duration": {"longest": max(self.duration), "shortest": min(self.duration)},
+            "below": {
+                "law": self.options.below,
+                "restitution": float(impacts.coefficient[0]) if choice.hold else None,
+                "error_of_time_step": choice.hold_error,
+            },
+            "sizes": self.options.sizes and list(self.options.sizes),
             "time_step": self.time_step,
             "steps_in_shortest_contact": steps.count,
             "order_of_time_step": steps.order,

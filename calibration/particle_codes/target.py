@@ -1,6 +1,8 @@
 """What is exported: a law, its ε over a range of velocities, and its impacts as codes follow them."""
 
+import dataclasses
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import Any
 
 import jax
@@ -35,6 +37,8 @@ class ExportOptions:
     losses: bool
     prefix: str
     types: tuple[int, int] | None
+    below: str
+    sizes: tuple[float, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +46,8 @@ class Target:
     """A law of single numbers, the velocities [m/s] of a scene, ε there, and the fit, if it is of one.
 
     `radius` is of the smaller sphere [m], else the effective one, `radius_of` says which; `on_wall` is
-    None where only the contact is known.
+    None where only the contact is known; `pairs` are two types of atoms and their contact, of the
+    sizes that were named.
     """
 
     options: ExportOptions
@@ -55,6 +60,7 @@ class Target:
     on_wall: bool | None
     velocity: np.ndarray
     restitution: np.ndarray
+    pairs: tuple[tuple[int, int, sj.Contact], ...]
     fit: MaterialFit | None
 
     @property
@@ -84,6 +90,7 @@ def target_of(source: FitResult | MaterialFit | sj.ContactLaw, options: ExportOp
     smaller = min(spheres, key=lambda body: body.radius, default=None)
     on_wall = len(spheres) == 1 if options.on_wall is None and spheres else options.on_wall
     known = options.radius or (smaller.radius if smaller else None)
+    density = float(smaller.material.density) if smaller else None
     return Target(
         options,
         law,
@@ -95,6 +102,7 @@ def target_of(source: FitResult | MaterialFit | sj.ContactLaw, options: ExportOp
         on_wall,
         velocity,
         restitution_of(law, velocity, options.losses),
+        _pairs(contact, options.sizes, density, on_wall),
         fit,
     )
 
@@ -114,6 +122,29 @@ def _range(fit: MaterialFit | None, velocity_range: Range | None) -> Range:
         known = f"{fit.known_from:.4g} to {fit.known_to:.4g} m/s"
         raise DataError("velocity_range", text, f"where the data determine ε, {known}")
     return low, high
+
+
+def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) -> tuple:
+    """Contacts of all pairs of types. Without a density it is that of two like spheres with this contact."""
+    if sizes is None:
+        return ()
+    if on_wall:
+        raise DataError("sizes", sizes, "left out for a ball on a wall: export each size by itself")
+    radii = np.array(sizes, float)
+    if not np.all((radii > 0) & (radii < np.inf)):
+        raise DataError("sizes", sizes, "radii of the types of atoms in m")
+    like = 2 * number_of(contact.mass) / (2 * number_of(contact.radius)) ** 3
+    bodies = {"radius": radii, "mass": radii**3 * (4 / 3 * np.pi * density if density else like)}
+    pairs = []
+    for i, j in combinations_with_replacement(range(len(radii)), 2):
+        reduced = {name: float(x[i] * x[j] / (x[i] + x[j])) for name, x in bodies.items()}
+        pairs.append((i + 1, j + 1, dataclasses.replace(contact, **reduced)))
+    return tuple(pairs)
+
+
+def with_contact(law: Any, contact: sj.Contact) -> Any:
+    """The law between bodies of other sizes."""
+    return dataclasses.replace(law, contact=contact) if hasattr(law, "contact") else law
 
 
 def number_of(leaf: Any) -> float:

@@ -131,7 +131,13 @@ REFUSED = [
     (STEEL, {"prefix": "ours", "to": "yade"}, "left out with yade"),
     (STEEL, {"types": (1, 2)}, "left out with c"),
     (STEEL, {"to": "lammps", "types": (0, 2)}, "two types of atoms"),
+    (STEEL, {"below": "held"}, "none or hold"),
+    (STEEL, {"to": "yade", "law": "walton-braun", "below": "hold"}, "constant"),
+    (STEEL, {"to": "lammps", "law": "viscoelastic", "below": "hold"}, "--export-law linear or"),
     (STEEL, {"to": "yade", "law": "walton-braun", "on_wall": True}, "loses nothing at a wall"),
+    (STEEL, {"sizes": (0.01, -1)}, "radii of the types"),
+    (STEEL, {"sizes": (0.01,), "on_wall": True}, "export each size by itself"),
+    (STEEL, {"to": "liggghts", "law": "linear", "sizes": (0.01, 0.02)}, "hertz-dashpot"),
     (STEEL, {"to": "yade", "law": "zhou"}, r"\(zhou is for c, lammps\)"),
     pytest.param(Rubbing(PAIR, 1e7), {"law": "exact"}, "depends on", marks=pytest.mark.long),
     (STEEL, {"velocity_range": None}, "lowest, highest"),
@@ -204,8 +210,9 @@ def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
         warning = "Overlaps reach 10 % of the radius: contact laws are for small ones."
         assert made.warnings.count(warning) == count
     steel, _ = exported(tolerance=3e-4)
-    (slow,) = steel.warnings
+    slow, with_hold = steel.warnings
     assert slow.startswith("Slower impacts lose nearly nothing (ε is 0.98")
+    assert with_hold.startswith("With --below hold ε is held at 0.9")
 
 
 def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_path):

@@ -18,6 +18,7 @@ from tests.export.laws import (
     MASS,
     PAIR,
     STEEL,
+    compiled,
     compiler_says,
     needs_compiler,
 )
@@ -191,3 +192,21 @@ def test_a_users_law_goes_by_a_table_that_gains_no_energy(exported, in_c):
     expected = np.maximum(1.5e7 * (overlaps - 5e-5 / 3), 0)
     found = in_c(DENTED).forces(overlaps)[0]
     np.testing.assert_allclose(found[1:], expected[1:], atol=2e-3 * expected[0])
+
+
+@pytest.mark.parametrize("name", [*INDEPENDENT, "kinked"])
+def test_below_the_range_the_restitution_of_its_end_is_held(name, exported):
+    """Within the stated error; faster impacts are as they were, but where they load again a dashpot pushes."""
+    law, velocity = (INDEPENDENT | {"kinked": KINKED})[name], np.geomspace(1e-3, 0.0999, 12)
+    made, folder = exported(law, "c", law="exact", tolerance=0.01, below="hold")
+    code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
+    hit = sj.restitution(law, np.append(WIDE[4:], [0.1, 0.2, 3.0, 1.0]))  # by the program of `WIDE`
+    slow, *fast = np.asarray(hit.coefficient)[-4:-1]
+    off = code.largest_error(velocity, slow, made.time_step, np.arange(8) / 8)
+    assert off < 1.02 * made.choice.hold_error < 0.03
+    assert code.largest_error(velocity, slow, made.time_step / 100) < 6e-3
+    assert code.largest_error(np.array([0.2, 3.0]), fast, made.time_step / 10) < 2e-4
+    assert f"ε is held at {float(slow):.4g} by a dashpot" in " ".join(made.warnings)
+    peak = float(hit.peak_overlap[-1])
+    again = [code.forces([peak, 0.9 * peak], rate)[0][1] for rate in (-0.1, 0.0, 0.1)]
+    assert again[0] == again[1] < again[2]

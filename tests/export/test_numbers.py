@@ -60,14 +60,14 @@ def ratio(restitution: float) -> float:
     return -math.log(restitution) / math.hypot(math.pi, math.log(restitution))
 
 
-def lammps_force(text: str, mass: float = MASS) -> Callable:
+def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = EFFECTIVE) -> Callable:
     """`pair_style granular`: hooke F = k δ, hertz F = k √R δ^{3/2}, less η δ' by the damping model.
 
     viscoelastic: η = η0 a M, a = √(R δ); coeff_restitution: 2 ξ √(M k) of hooke, √(5/6) 2 ξ √(M S),
     S = 3/2 k a, of hertz. `limit_damping`: no attraction.
     """
     assert "pair_style granular" in lines_of(text)
-    start = "pair_coeff * * "
+    start = f"pair_coeff {types} "
     (coefficients,) = (line for line in lines_of(text) if line.startswith(start))
     model, *words = coefficients.removeprefix(start).split()
     k, damping = float(words[0]), float(words[1])
@@ -78,7 +78,7 @@ def lammps_force(text: str, mass: float = MASS) -> Callable:
     hertz = {"hertz": True, "hooke": False}[model]
 
     def force(overlap, rate):
-        touch = math.sqrt(EFFECTIVE * overlap) if hertz else 1.0
+        touch = math.sqrt(radius * overlap) if hertz else 1.0
         eta = damping * touch * mass
         if kind == "coeff_restitution":
             eta = 2 * ratio(damping) * math.sqrt(mass * k * touch * (1.25 if hertz else 1.0))
@@ -264,6 +264,25 @@ def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported
     # it goes on to grow beyond the fastest impact, to twice its overlap
     assert k2(1.99 * peak) == pytest.approx(k1 + 1.99 * (k2(peak) - k1))
     assert k2(2.5 * peak) == pytest.approx(k2(2.0 * peak))
+
+
+def test_sizes_that_are_named_have_a_line_for_each_pair(exported):
+    """Spheres of two radii: ε of each pair is that of its own contact, at a step for the smallest."""
+    law, radii = sj.ViscoelasticHertz(PAIR, 2e-6), (RADIUS, RADIUS / 2)
+    options = {"law": "viscoelastic", "tolerance": 0.1, "steps": 400}
+    alone, _ = exported(law, "lammps", **options)
+    made, folder = exported(law, "lammps", **options, sizes=radii)
+    text, _ = read(folder, "lammps")
+    assert made.choice.error == 0
+    assert made.time_step == pytest.approx(alone.time_step / 2, rel=0.05)
+    assert "all pairs of spheres of radius 0.0127, 0.00635 m" in text
+    steel = sj.STAINLESS_STEEL
+    for i, j in ((1, 1), (1, 2), (2, 2)):
+        contact = sj.Contact.between_spheres(steel, steel, radii[i - 1], radii[j - 1])
+        mass, radius = float(contact.mass), float(contact.radius)
+        force = lammps_force(text, mass, f"{i} {j}", radius)
+        expected = sj.restitution(sj.ViscoelasticHertz(contact, 2e-6), 1.0).coefficient
+        assert rebound(force, 1.0, mass) == pytest.approx(float(expected), abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 {% set choice, (low, high) = export.choice, export.target.range %}
-{% set tabulated, of_yield = name == "table.h", name in ("zhou.h", "thornton.h") %}
-{% set has_losses = name in ("zhou.h", "table.h") %}
+{% set hold, tabulated = choice.hold, name == "table.h" %}
+{% set of_yield, has_losses = name in ("zhou.h", "thornton.h"), name in ("zhou.h", "table.h") %}
 /* {{ export.notes[0] }}
 {% for note in export.notes[1:] %}
 {{ (" * " ~ note).rstrip() }}
@@ -35,9 +35,15 @@ typedef SOFTJAX_REAL softjax_real;
 #define SOFTJAX_STRETCH ((softjax_real){{ choice.softening_factor }})
 
 /* impact velocities [m/s] for which this was written, and the time step [s] tested with them */
-#define SOFTJAX_SLOWEST {{ low }}
+#define SOFTJAX_SLOWEST {{ 0.0 if hold else low }}
 #define SOFTJAX_FASTEST {{ high }}
 #define SOFTJAX_STEP {{ export.time_step }}
+{% if not end %}
+/* an impact slower than this [m/s] unloads along the loading curve, with a dashpot of this fraction of critical
+ * damping that makes its eps the one of that velocity; 0: no such impact. A faster one feels it where it loads again. */
+#define SOFTJAX_HOLD_BELOW {{ low if hold else 0.0 }}
+#define SOFTJAX_HOLD ((softjax_real){{ hold }})
+{% endif %}
 
 /* of two bodies: what depends on their sizes alone */
 typedef struct {
@@ -45,7 +51,7 @@ typedef struct {
   softjax_real mass;   /* M1 M2/(M1 + M2) [kg] */
 } softjax_pair;
 
-/* memory of one contact: largest overlap [m], and the factor of its unloading force (-1: not known yet) */
+/* memory of one contact: largest overlap [m], and the factor of its unloading force (-1: not known yet, -2: held) */
 typedef struct {
   softjax_real peak, factor;
 } softjax_contact;
@@ -78,7 +84,7 @@ SOFTJAX_INLINE int softjax_fits(const softjax_pair *pair) {
   return {{ "fabs(pair->radius / SOFTJAX_RADIUS - 1) < 1e-6 && fabs(pair->mass / SOFTJAX_MASS - 1) < 1e-6"
             if tabulated else "pair->radius > 0 && pair->mass > 0" }};
 }
-{% if has_losses %}
+{% if not end %}
 
 /* integral from `low` to `high` of the force on loading, or on unloading where there is a peak: Gauss and Legendre's ten
  * points in the square root of the overlap, in which forces are smooth; once a contact */
@@ -103,6 +109,12 @@ SOFTJAX_INLINE double softjax_work(double low, double high, double peak) {
   return sum * width;
 }
 
+/* in two parts, as the body yields at 1 */
+SOFTJAX_INLINE double softjax_loading_work(double x) {
+  return softjax_work(0, x < 1 ? x : 1, 0) + (x > 1 ? softjax_work(1, x, 0) : 0);
+}
+{% if has_losses %}
+
 /* where the unloading force vanishes, next to 0 where it does not */
 SOFTJAX_INLINE double softjax_residual(double peak) {
   double low = 0, high = peak;
@@ -120,16 +132,16 @@ SOFTJAX_INLINE double softjax_residual(double peak) {
 
 /* by which the unloading force is multiplied, so that an impact gives eps^2 of its energy back */
 SOFTJAX_INLINE softjax_real softjax_factor(const softjax_pair *pair, double peak) {
-  const double yields = peak < 1 ? peak : 1; /* the work in two parts, as the body yields at 1 */
-  const double up = softjax_work(0, yields, 0) + softjax_work(yields, peak, 0);
+  const double up = softjax_loading_work(peak);
   const double down = softjax_work(softjax_residual(peak), peak, peak);
   return (softjax_real)(down > 0 ? softjax_squared(pair, peak, up, down / up) * up / down : 0);
 }
 {% endif %}
+{% endif %}
 
 /* contact force [N] at `overlap` [m] and its `rate` [m/s], and its slope with the overlap [N/m];
 {% if not end %}
- * the rate does not act;
+ * {{ "the rate acts where eps is held" if hold else "the rate does not act" }};
 {% endif %}
  * {{ "it pulls before the overlap vanishes, as the law has it" if end == "zero-overlap" else
       "it never pulls: the bodies part where it vanishes, with what overlap remains" }} */
@@ -155,12 +167,19 @@ SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_cont
     p = softjax_loading(overlap / length, &slope);
   } else {
     const softjax_real peak = contact->peak / length;
-    if (contact->factor < 0) /* the first time below this peak */
-      contact->factor = {{ "softjax_factor(pair, (double)peak)" if has_losses else 1 }};
-    p = contact->factor * softjax_unloading(overlap / length, peak, &slope);
-    slope *= contact->factor;
+    const double energy = 0.5 * (double)pair->mass * SOFTJAX_HOLD_BELOW * SOFTJAX_HOLD_BELOW;
+    int held = contact->factor < -1;
+    if (!held && contact->factor < 0) { /* the first time below this peak */
+      held = (double)unit * (double)length * softjax_loading_work((double)peak) < energy;
+      contact->factor = held ? -2 : {{ "softjax_factor(pair, (double)peak)" if has_losses else 1 }};
+    }
+    p = held ? softjax_loading(overlap / length, &slope)
+             : contact->factor * softjax_unloading(overlap / length, peak, &slope);
+    if (!held) slope *= contact->factor;
+    if (SOFTJAX_HOLD > 0 && (held || rate > 0) && p > 0 && slope > 0)
+      p += SOFTJAX_HOLD * rate / unit *
+           softjax_sqrt(2 * pair->mass * unit * (p / overlap + slope / length));
   }
-  (void)pair, (void)rate;
 {% endif %}
 {% if end != "zero-overlap" %}
   if (!(p > 0)) return 0;
