@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from calibration import symbols
+from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.material import Estimate
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.report.layout import Block, Item
@@ -192,6 +193,13 @@ def observables_blocks(result: Any) -> list[Block]:
             rows.append(row | {"χ²/dof": "" if chi_squared is None else number(chi_squared, 3)})
             remarks.append(what.words)
     remarks = sorted({*remarks})
+    for fit in result.materials:
+        if (modulus := modulus_by_times(fit)) is not None:
+            remarks.append(
+                f"{fit.name}: the contact times would determine E to {100 * modulus.error:.2g} %, at "
+                f"{np.exp(modulus.off):.3g} times the stated value; free youngs_modulus, or give it a "
+                "prior"
+            )
     return [Block("table", pd.DataFrame(rows)), Block("list", remarks)] if rows else []
 
 
