@@ -242,9 +242,14 @@ class RestitutionData:
         return tuple(every_observed)
 
     def of_restitution(self) -> "RestitutionData":
-        """A copy with ε only."""
-        every: dict[str, Any] = dict.fromkeys([*OBSERVED, *(f"{n}_uncertainty" for n in OBSERVED)])
-        return replace(self, **every) if self.observed else self
+        """The impacts with an ε, without what else was measured and without the bodies."""
+        rows = np.flatnonzero(np.isfinite(self.restitution))
+        columns = {name: getattr(self, name) for name in ("limit_velocity", "group", "degrees")}
+        columns = {name: x[rows] if np.ndim(x) else x for name, x in columns.items()}
+        errors = self.errors.some(rows)
+        return RestitutionData(
+            self.velocity[rows], self.restitution[rows], errors=errors, **columns
+        )
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -102,8 +102,8 @@ def band(
     freedom = freedom_of(result.freedoms, material.name, labels)
     route = result.request.route_of_curve(material.model.law_type)
     is_eps, further = observable == RESTITUTION, kind == "prediction"
-    if further and not is_eps and observable not in material.observed:
-        accepted = f"one that was measured: {listed([RESTITUTION, *material.observed])}"
+    if further and observable not in material.measured:
+        accepted = f"one that was measured: {listed(material.measured)}"
         raise DataError("observable", observable, accepted)
     of_noise = material if is_eps else material.observed.get(observable)
 

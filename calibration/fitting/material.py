@@ -203,6 +203,12 @@ class MaterialFit(Goodness):
         return len(self.data)
 
     @property
+    def measured(self) -> list[str]:
+        """The observables that were measured."""
+        has_own = bool(np.any(np.isfinite(self.data.restitution)))
+        return [*[RESTITUTION] * has_own, *self.observed]
+
+    @property
     def free(self) -> dict[str, str]:
         """Free parameters, in the order of `values`, and their labels in the covariance."""
         return {name: self.labels[name] for name in self.values if name in self.labels}

@@ -275,8 +275,8 @@ def _eq_17(fit: ComponentFit, g: int) -> tuple[float | None, Mapping[str, float]
         data = spec.data
         if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
             return None, None
-        plain = replace(data.of_restitution(), contact=None)
-        (fit,), g = fitted(Request((plain,)).with_options(law="eq-17", **PLAIN)), 0
+        plain = Request((data.of_restitution(),)).with_options(law="eq-17", **PLAIN)
+        (fit,), g = fitted(plain), 0
     elif spec.model.law_type not in (sj.Zhou, sj.EmpiricalRestitution):
         return None, None
     problem = fit.stages[0].problem

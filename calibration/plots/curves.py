@@ -13,6 +13,7 @@ import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.curves import distinct_impacts, of_impact, yield_velocity
 from calibration.fitting.laws import eq_17
+from calibration.fitting.request import blocks_of
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.options import LAWS
 from calibration.plots import style
@@ -116,7 +117,9 @@ def _plot_observable(
     for line in lines:
         _plot_line(upper, line, *_sorted(fine / scale, line.value(fine)))
     style.points(upper, x, value, error, None if across is None else across / scale, label="data")
-    flagged = np.asarray(fit.status, int)[rows] & FLAGGED != 0
+    status = np.zeros(len(data), int)
+    status[next(blocks_of(data))[2]] = fit.status
+    flagged = status[rows] & FLAGGED != 0
     if np.any(flagged):
         label = "flagged by the law: see the warnings"
         upper.plot(x[flagged], value[flagged], "x", color=style.VERMILION, label=label)
@@ -162,11 +165,9 @@ def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, 
     ax.plot(x, value, color=style.BLUE, linewidth=1.8, label=f"{fit.model.label}, fitted")
     reach = (band.high - band.low) / (1.0 if name == RESTITUTION else np.abs(band.coefficient))
     if np.nanmax(reach, initial=0.0) > INVISIBLE:
-        wide = result.band(velocity, fit.name, kind="prediction", observable=name)
-        for limits, alpha, what in (
-            (wide, 0.1, "one more measurement"),
-            (band, 0.3, "of the mean"),
-        ):
+        wide = [("prediction", 0.1, "one more measurement")] * (name in fit.measured)
+        for kind, alpha, what in (*wide, ("mean", 0.3, "of the mean")):
+            limits = result.band(velocity, fit.name, kind=kind, observable=name)
             x, low, high = _sorted(velocity / scale, limits.low, limits.high)
             label = f"{100 * result.confidence:g} %, {what}"
             style.band(ax, x, low, high, alpha=alpha, label=label)

@@ -166,7 +166,7 @@ def quality_table(result: Any) -> pd.DataFrame:
             "factor": (chi_squared**0.5 if "scale" in fit.variances else None, 3),
             "P": (fit.probability, 3),
         }
-        row = {"material": fit.name, "law": fit.model.label, "points": str(fit.n)}
+        row = {"material": fit.name, "law": fit.model.label, "points": str(len(fit.standardised))}
         row |= {name: number(*value_and_digits) for name, value_and_digits in numbers.items()}
         rows.append(row | {"converged": "yes" if fit.converged else "NO"})
     table = pd.DataFrame(rows)
@@ -231,7 +231,7 @@ def outlier_lines(result: Any) -> list[str]:
     for fit in result.materials:
         outliers = sorted(fit.outliers, key=lambda outlier: -abs(outlier.residual))
         owner = f", {fit.name}" if len(result.materials) > 1 else ""
-        count = fit.n + sum(len(outlier) for outlier in fit.data.observed)
+        count = np.sum(np.isfinite(fit.data.restitution)) + sum(map(len, fit.data.observed))
         if len(outliers) > max(MISFIT * count, 3):
             lines.append(
                 f"misfit{owner}: noise does not explain {len(outliers)} of {count} points: "

@@ -17,12 +17,12 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 import softjax as sj
-from calibration.data import RestitutionData
+from calibration.data import PointErrors, RestitutionData
 from calibration.data.checks import as_number
 from calibration.data.json_file import plain
 from calibration.errors import DataError, did_you_mean
 from calibration.fitting.collisions import Route
-from calibration.fitting.curves import curve_and_slopes, further_variances
+from calibration.fitting.curves import STEP, curve_and_slopes, further_variances, like_measured
 from calibration.fitting.laws import OF_CONTACT, numbers_in
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.problem import DRAG, Element
@@ -128,12 +128,27 @@ class Plan:
             error = np.sqrt(sum(variances.values()))
             share = self.material.family.information**0.5  # of errors with heavy tails
         total: Any = 0.0
+        u_v = self._velocity_errors(velocity)
         for name, u in {RESTITUTION: error, **self.sensors}.items():
             value, slope = self.slopes(velocity, name)
-            scale = u / share if name == RESTITUTION else u * np.where(value > 0, value, 1)
+            scale = u / share
+            if name != RESTITUTION:
+                down, up = (self.slopes(velocity * (1 + s * STEP), name)[0] for s in (-1, 1))
+                by_velocity = (up - down) / (2 * STEP * velocity)
+                scale = np.hypot(u * np.where(value > 0, value, 1), by_velocity * u_v)
             row = np.where(value > 0, 1 / scale, 0)[:, None] * slope
             total = total + row[:, :, None] * row[:, None, :]
         return total, np.broadcast_to(np.asarray(error, float), velocity.shape)
+
+    def _velocity_errors(self, velocity: Column) -> Any:
+        """Standard uncertainties of planned velocities, like those of the fit's [m/s]."""
+        data = self.material.data
+        of_data = data.velocity_uncertainty
+        if of_data is None:
+            return 0.0
+        errors = PointErrors.alone(len(data), None, of_data)
+        planned = like_measured(errors, data.velocity, of_data, velocity, velocity)
+        return planned.velocity_uncertainty
 
 
 def plan_of(
@@ -275,7 +290,8 @@ def _of_fit(result: FitResult, name: str | None, reach: Column, route: Route) ->
     known = np.isfinite(np.diag(result.covariance))
     labels = {name: label for name, label in material.free.items() if known[places[label]]}
     route = route or result.request.route_of_curve(material.model.law_type)
-    plan = Plan(replace(material, labels=labels), np.zeros((0, 0)), None, route, result=result)
+    noise = None if RESTITUTION in material.measured else USUAL_NOISE
+    plan = Plan(replace(material, labels=labels), np.zeros((0, 0)), noise, route, result=result)
     rows = [places[label] for label in plan.names]
     covariance = result.covariance[np.ix_(rows, rows)] / np.outer(plan.unit, plan.unit)
     return replace(plan, before=np.linalg.inv(covariance))

@@ -270,3 +270,47 @@ def test_information_and_designs_count_what_sensors_show():
     expected = (len(SPEEDS) * ((0.4 / 0.02) ** 2 + (0.4 / 0.05) ** 2)) ** -0.5
     assert hertz.relative_errors[modulus] == pytest.approx(expected, rel=1e-3)
     assert hertz.without[modulus] is None
+
+
+def test_planned_sensors_have_the_velocity_errors_of_the_data():
+    """F ∝ v √k1 to 1 % where v is known to 3 %: ln k1 to 2 · 3.2 %, of each impact again."""
+    random, parts = np.random.default_rng(0), np.hypot(0.01, 0.03)
+    eps, _, force = shown(FIRST, SECOND)
+    eps = eps + 0.01 * random.standard_normal(20)
+    force = force * (1 + parts * random.standard_normal(20))
+    of_force = {"peak_force": force, "peak_force_uncertainty": 0.01 * force}
+    data = cal.RestitutionData(V, eps, PAIR, 0.01, velocity_uncertainty=0.03 * V, **of_force)
+    result = cal.fit(data, "walton-braun", SPRINGS, **QUICK)
+    plan = cal.fisher_information(result, V, sensors={"peak_force": 0.01})
+    expected = [2 * parts / n**0.5 for n in (20, 40)]
+    found = [errors["loading_stiffness"] for errors in (plan.before, plan.relative_errors)]
+    np.testing.assert_allclose(found, expected, rtol=0.02)
+
+
+def test_impacts_may_lack_a_restitution(tmp_path):
+    """Eq. (17) is fitted to those that have one, as SciPy fits it; tables count them, pictures show all."""
+    random, limit = np.random.default_rng(5), float(PAIR.limit_velocity)
+    curve = lambda v, sigma, psi: np.exp(-sigma * (v / (limit - v)) ** psi)  # noqa: E731
+    eps = curve(V, 3.0, 0.54) + 0.003 * random.standard_normal(20)
+    eps[::3] = np.nan
+    known = np.isfinite(eps)
+    times = 2.9432751884 * sj.restitution(sj.Hertz(PAIR), V).peak_overlap / V
+    times = times * (1 + 0.02 * random.standard_normal(20))
+    result = cal.fit(cal.RestitutionData(V, eps, PAIR, contact_time=times), **QUICK)
+    best, _ = optimize.curve_fit(curve, V[known], eps[known], (3.0, 0.5), xtol=1e-12, ftol=1e-12)
+    expected = np.mean((eps[known] - curve(V[known], *best)) ** 2) ** 0.5
+    assert result.materials[0].rms_empirical == pytest.approx(expected, rel=1e-6)
+    assert "curves.png" in result.report(tmp_path)
+    assert ["data", "13"] in [cells(line)[:2] for line in str(result).splitlines()]
+
+
+def test_where_no_restitution_was_measured_none_is_predicted(tmp_path):
+    force = np.asarray(sj.restitution(sj.Hertz(PAIR), V).peak_force) * V
+    data = cal.RestitutionData(V, None, PAIR, peak_force=force, peak_force_uncertainty=0.01 * force)
+    free = {"contact.youngs_modulus": cal.Parameter()}
+    result = cal.fit(data, "hertz", free, **QUICK)
+    assert "curves.png" in result.report(tmp_path)
+    assert f"noise does not explain {len(result.outliers)} of 20 points" in str(result)
+    with pytest.raises(ValueError, match="one that was measured: peak_force, but is restitution"):
+        result.band(V, kind="prediction")
+    np.testing.assert_array_equal(cal.fisher_information(result, [0.2]).uncertainty, [0.01])
