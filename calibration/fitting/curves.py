@@ -191,24 +191,30 @@ def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
         return None
     block = next(block for block in material.data.observed if block.name == "contact_time")
 
-    def times(factor: float) -> np.ndarray:
+    def times(factor: float = 1.0, pace: float = 1.0) -> np.ndarray:
         moved = replace(contact, youngs_modulus=np.asarray(contact.youngs_modulus) * factor)
         law = replace(material, data=replace(material.data, contact=moved)).law
         with jax.enable_x64(True):
-            hit = sj.restitution(law, material.data.velocity)
+            hit = sj.restitution(law, pace * material.data.velocity)
             return np.log(np.asarray(hit.duration)[block.rows])
 
-    slope = (times(1 + MODULUS_STEP) - times(1 - MODULUS_STEP)) / (2 * MODULUS_STEP)
-    errors, off = Errors.of(material.data, observed=block), np.log(block.value) - times(1.0)
+    ends = (1 - MODULUS_STEP, 1 + MODULUS_STEP)
+    slope, by_pace = (
+        np.diff([times(**{of: end}) for end in ends], axis=0)[0] / (2 * MODULUS_STEP)
+        for of in ("factor", "pace")
+    )
+    errors, off = Errors.of(material.data, observed=block), np.log(block.value) - times()
     unknown = tuple(kind for kind in ("scale", "scatter", "group") if kind in observed.variances)
-    errors, flat, none = replace(errors, unknown=unknown), 0 * off[None], np.zeros((1, 1, 1))
+    errors, none = replace(errors, unknown=unknown), np.zeros((1, 1, 1))
     count = len(off) if errors.group is None else len(np.unique(errors.group))
     if np.max(np.abs(slope)) < LEAST_SLOPE or (unknown and count < 2):
         return None
     free = np.ones((1, 1), bool)
-    at = Residuals(off[None], slope[None, :, None], flat, flat, none, none[0], free)
+    flat, by_velocity = 0 * off[None], (by_pace / errors.velocity)[None]
+    at = Residuals(off[None], slope[None, :, None], by_velocity, flat, none, none[0], free)
     s = {kind: float(v[0]) for kind, v in estimated(errors, at).items()} if unknown else {}
-    total, first = slope @ errors.solve(errors.factor(s), np.stack([slope, off], axis=1))
+    factor = errors.factor(s, by_velocity[0])
+    total, first = slope @ errors.solve(factor, np.stack([slope, off], axis=1))
     if not 0 < total < np.inf:
         return None
     return ModulusByTimes(
