@@ -14,7 +14,7 @@ from tests.physics.by_forces import LENGTH, STEEL, Columns, Drawn, Forces, Impac
 
 ROUTES = {"energy": sj.EnergyBalance(), "ode": sj.ODE(rtol=1e-10)}
 over_routes = pytest.mark.parametrize("route", ROUTES)
-SIZE, DRAWN = 1000, 200  # of batches: one program serves all
+DRAWN = 200  # of a batch: one program serves all
 HAND = by_forces.by_hand()
 FIELDS, VELOCITY = by_forces.draw(seed=0, count=DRAWN)
 MOVED = ("slope", "more", "rest", "floor", "kink", "elastic", "velocity")  # slopes are of these
@@ -42,9 +42,11 @@ def _solved(fields, velocity, remains):
 
 def graded(fields: Columns, velocity, remains=False):
     """The result of drawn laws by the energy balance, and slopes of ε, or of δ*/LENGTH."""
-    some = [np.resize(x, SIZE) for x in (*fields, velocity)]
-    found = _solved(Columns(*some[:-1]), some[-1], remains)
-    return jax.tree.map(lambda x: np.asarray(x)[: len(velocity)] if np.ndim(x) else x, found)
+    count, batches = len(velocity), []
+    for k in range(0, count, DRAWN):
+        some = [np.resize(x[k : k + DRAWN], DRAWN) for x in (*fields, velocity)]
+        batches.append(_solved(Columns(*some[:-1]), some[-1], remains))
+    return jax.tree.map(lambda *x: np.concatenate(x)[:count] if np.ndim(x[0]) else x[0], *batches)
 
 
 def solved(fields: Columns, velocity, route="energy"):
@@ -170,7 +172,7 @@ def test_drawn_laws_without_a_word_of_kinks():
 
 def test_a_thousand_more_are_numbers_with_good_neighbours():
     """Wilder ones: forces of any size, velocities over twelve decades; forward and backward."""
-    size = SIZE
+    size = 1000
     fields, velocity = by_forces.draw(seed=1, count=size)
     rng = np.random.default_rng(2)
     wild = np.arange(size) % 2 == 0

