@@ -39,6 +39,7 @@ PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through
 STEEPEST = 20.0  # ψ at the end of an interval: there is no loss below first yield
 ROUNDING = 1e-9  # of χ̃: errors below are not used; of ε_up: what is 1; of E/Y: what is one
 TINY = np.finfo(float).tiny
+WIDE = 0.1  # interval of a mean ε_up from which on it is of little use
 # the scales on which errors of the losses are normal, and back
 SCALES = {"eps_up": (special.logit, special.expit)}
 SCALES |= dict.fromkeys(("sigma", "psi"), (np.log, np.exp))
@@ -79,6 +80,7 @@ class Line:
     Attributes:
         c1, c2: fitted directly to all curves at once.
         rms: of each material's curve with χ̃ from the line.
+        through_chi: c1 and c2 through the fitted χ̃ with their weights instead.
         covariance: of c1 and c2, with what the scatter about the line adds; None where the data have
             no noise.
         materials: those that it was fitted to, by themselves.
@@ -89,6 +91,7 @@ class Line:
     c1: Estimate
     c2: Estimate
     rms: dict[str, float]
+    through_chi: dict[str, Estimate]
     converged: bool
     covariance: tuple[tuple[float, float], tuple[float, float]] | None = None
     materials: tuple[LineMaterial, ...] = ()
@@ -239,7 +242,8 @@ class Line:
             reach, plain = float(quantile(self.confidence, degrees)) * error, SCALES[name][1]
             low, high = plain(mean - reach), plain(mean + reach)
             text = f"{name} {plain(mean):.4g}{ends.format(low, high)}"
-            lines.append(f"{text}: the mean of the fitted materials and their scatter")
+            advice = f"; wide: state it (--{name})".replace("_", "-") * bool(high - low > WIDE)
+            lines.append(f"{text}: the mean of the fitted materials and their scatter{advice}")
         least, most = self.range
         if not least <= ratio <= most:
             text = f"warning: extrapolation: E/Y = {ratio:.4g}"
@@ -366,14 +370,20 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     if request.options.unloading_line is None or len(x) < 2 or np.ptp(x) <= ROUNDING * np.max(x):
         return None
     has_noise = _have_noise(materials)
-    c, _, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
+    c, normal, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
     joint = _joint(request, with_chi, c)
     names, specs = [e.name for e in joint.component.elements], joint.component.specs
     places = [names.index(name) for name in LINE]
+    values, slope, known = joint.theta[places], joint.slope[places], joint.uncertainty
+    on_line = values[0] + values[1] * x
+    scatter = _scatter(on_line, chi, u) if len(x) > 2 else 0.0
+    added = (influence * (scatter * on_line) ** 2) @ influence.T + (0.0 if has_noise else np.nan)
+    covariance = known.covariance[np.ix_(places, places)] * np.outer(slope, slope) + added
+    reach = quantile(confidence, len(x) - 2 if scatter else known.degrees[places])
+    c1, c2 = _with_errors(values, covariance, reach)
     problem, contact = joint.final.problem, specs[0].data.contact
     assert contact is not None
     off = problem.linearise(joint.z[None]).prediction[0] - problem.points.value
-    c1, c2 = (Estimate(float(joint.theta[place]), method="wald", free=True) for place in places)
     line = Line(
         c1=c1,
         c2=c2,
@@ -381,26 +391,23 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
             spec.data.name: float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2)))
             for g, spec in enumerate(specs)
         },
+        through_chi=dict(zip(LINE, _with_errors(c, normal + added, reach), strict=True)),
         converged=bool(joint.final.ends.converged[0]),
+        covariance=_rows(covariance) if np.all(np.isfinite(covariance)) else None,
         materials=materials,
         options=dict(specs[0].model.options),
         area=contact.area,
         confidence=confidence,
     )
-    if has_noise:
-        scatter, slope = line.scatter or 0.0, joint.slope[places]
-        covariance = joint.uncertainty.covariance[np.ix_(places, places)] * np.outer(slope, slope)
-        covariance += (influence * (scatter * line._line(x)) ** 2) @ influence.T
-        if np.all(np.isfinite(covariance)):
-            degrees = len(x) - 2 if scatter else joint.uncertainty.degrees[places]
-            errors = np.sqrt(np.diag(covariance))
-            reach = quantile(confidence, degrees) * errors
-            c1, c2 = (
-                replace(e, standard_error=float(u), low=float(e.value - r), high=float(e.value + r))
-                for e, u, r in zip((c1, c2), errors, reach, strict=True)
-            )
-            line = replace(line, c1=c1, c2=c2, covariance=_rows(covariance))
     return line, joint.final
+
+
+def _with_errors(values: np.ndarray, covariance: np.ndarray, reach: Any) -> list[Estimate]:
+    """c1 and c2 with errors, and intervals of so many of these; none where they are not known."""
+    errors = np.sqrt(np.diag(covariance))
+    columns = np.transpose([values, errors, values - reach * errors, values + reach * errors])
+    known = [[None if np.isnan(x) else x for x in row] for row in columns.tolist()]
+    return [Estimate(x, u, low, high, "wald", True) for x, u, low, high in known]
 
 
 def _material(fit: ComponentFit, spec: SetSpec, k: int) -> LineMaterial:

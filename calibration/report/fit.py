@@ -308,6 +308,7 @@ def _line(line: Any) -> list[Block]:
     columns = {
         "Eq. (18), χ̃ = c1 + c2 E/Y": ["c1", "c2"],
         "through all curves": [estimate_text(line.c1), estimate_text(line.c2)],
+        "through the fitted χ̃": [estimate_text(line.through_chi[name]) for name in ("c1", "c2")],
     }
     text = LINE if len(line.rms) > 2 else LINE_OF_TWO
     if line.scatter and line.has_noise:

@@ -179,18 +179,22 @@ def three(names=NAMES):
 
 
 def test_the_line_weighs_what_is_fitted_on_any_scale(tmp_path):
-    """Errors as of NumPy's weighted line through the fitted χ̃, with the scatter."""
+    """NumPy's weighted line through the fitted χ̃ and their standard errors, and these with the scatter."""
     sets = three()
     result = cal.fit(sets, parameters={"chi": Free(bounds=(0.01, 2.5))}, **QUICK)
     ratio = [float(pair(name).yield_ratio) for name in NAMES]
     errors = np.array([result.standard_errors[f"chi[{name}]"] for name in NAMES])
+    chi = [result.values[f"chi[{name}]"] for name in NAMES]
+    line = np.polyfit(ratio, chi, 1, w=1 / errors)
     influence = np.stack([np.polyfit(ratio, one, 1, w=1 / errors) for one in np.eye(3)], axis=1)
     scatter = result.unloading_line.scatter
     c1, c2 = (getattr(result.unloading_line, name).value for name in ("c1", "c2"))
     size = np.hypot(errors, scatter * (c1 + c2 * np.array(ratio)))
     expected = np.sqrt(influence**2 @ size**2)
-    found = [getattr(result.unloading_line, name).standard_error for name in ("c2", "c1")]
-    assert found == pytest.approx(expected, rel=0.1)
+    for name, value, error in zip(("c2", "c1"), line, expected, strict=True):
+        found = result.unloading_line.through_chi[name]
+        assert found.value == pytest.approx(value, rel=1e-9)
+        assert found.standard_error == pytest.approx(error, rel=1e-6)
     result.report(tmp_path)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert f"c2 include the scatter about the line, {100 * scatter:.2g} %." in report
@@ -274,8 +278,9 @@ def test_law_scatter_and_intervals_are_those_of_weighted_least_squares(six):
     covariance = (influence * variance) @ influence.T
     for k, name in enumerate(("c1", "c2")):
         coefficient = getattr(line, name)
-        error = coefficient.standard_error
-        assert error == pytest.approx(covariance[k, k] ** 0.5, rel=0.1)
+        error, exact = coefficient.standard_error, covariance[k, k] ** 0.5
+        assert error == pytest.approx(exact, rel=0.1)
+        assert line.through_chi[name].standard_error == pytest.approx(exact, rel=1e-6)
         ends = coefficient.value + stats.t.ppf([0.025, 0.975], 4) * error
         assert [coefficient.low, coefficient.high] == pytest.approx(ends, rel=1e-9)
         assert line.covariance[k][k] == pytest.approx(error**2, rel=1e-9)
@@ -333,7 +338,9 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(six, 
     result = cal.fit(sets[::3], starts=4, profiles=False)
     line, contact = result.unloading_line, NEXT
     assert line.scatter is None
-    assert "scatter about the line: unknown, as two materials" in line.remarks(contact)[1]
+    remarks = line.remarks(contact)
+    assert "scatter about the line: unknown, as two materials" in remarks[1]
+    assert remarks[2].endswith("wide: state it (--eps-up)")
     covariance = np.array(line.covariance)
     assert covariance[0, 0] == pytest.approx(line.c1.standard_error**2, rel=1e-9)
     found = line.unloading_factor(contact)
