@@ -102,13 +102,8 @@ def _check_options(arguments: argparse.Namespace, studies: tuple[str, ...]) -> N
         acts_on = OPTIONS[name][0]
         if not {*acts_on} & {*studies}:
             raise DataError(f"--{name}", "given", f"left out, or --study {' or '.join(acts_on)}")
-    for name, criteria in (("over", ("I",)), ("target", (None, "c"))):
-        if name in stated and arguments.criterion not in criteria:
-            accepted = f"given with --criterion {criteria[-1]} only"
-            raise DataError(f"--{name}", stated[name], accepted)
-    for name, lowest in (("seed", 0), ("points", 2)):
-        if stated.get(name, lowest) < lowest:
-            raise DataError(f"--{name}", stated[name], f"a whole number of {lowest} or more")
+    if stated.get("points", 2) < 2:
+        raise DataError("--points", arguments.points, "a whole number of 2 or more")
     for v in arguments.at or ():
         if not 0 < v < math.inf:
             raise DataError("--at", v, "velocities above 0 m/s")

@@ -3,9 +3,9 @@
 A heading is a name and a unit: `velocity [m/s]`, `v (cm/s)`, `t / ms`, `drop height, mm`, `h_mm`.
 Accepted together are
 
-    velocity, restitution               with the two heights, to check against
-    impact_velocity, rebound_velocity   ε = v_out/v_in; a restitution as well is checked and used
-    drop_height, rebound_height         v = √(2 g h₁), ε = √(h₂/h₁); the same
+    impact_velocity, rebound_velocity   ε = v_out/v_in
+    drop_height, rebound_height         v = √(2 g h₁), ε = √(h₂/h₁)
+    velocity, restitution
     interval                            v = g tₙ/2, ε = tₙ₊₁/tₙ of bounces that follow each other
     time                                of the bounces themselves: the intervals between them
     velocity, or drop_height            with one or more of contact_time, peak_force, peak_overlap
@@ -102,7 +102,6 @@ class Kind(NamedTuple):
     needs: tuple[str, ...]
     what: str = ""  # input quantities, whose errors enter ε and v
     uncertainties: tuple[str, ...] = ()  # of these; the last is of all of them
-    also: tuple[str, ...] = ()  # used where all of them are there
 
     @property
     def is_sequence(self) -> bool:
@@ -128,9 +127,9 @@ def _uncertainties(*names: str) -> tuple[str, ...]:
 
 
 KINDS = (
-    Kind(("velocity", "restitution"), also=HEIGHTS),
-    Kind(VELOCITIES, "velocities", _uncertainties(*VELOCITIES, "velocity"), ("restitution",)),
-    Kind(HEIGHTS, "heights", _uncertainties(*HEIGHTS, "height"), ("restitution",)),
+    Kind(VELOCITIES, "velocities", _uncertainties(*VELOCITIES, "velocity")),
+    Kind(HEIGHTS, "heights", _uncertainties(*HEIGHTS, "height")),
+    Kind(("velocity", "restitution")),
     Kind(("interval",), "intervals", _uncertainties("interval", "timing")),
     Kind(("time",), "times", _uncertainties("time", "timing")),
 )
@@ -273,8 +272,6 @@ def _is_used(name: str, kind: Kind, names: Iterable[str]) -> bool:
     """Whether a column acts in data of this kind, next to columns of these names."""
     if name in LABELS:
         return name == "group" or kind.is_sequence or "group" not in names
-    if name in kind.also:
-        return {*kind.also} <= {*names}
     if name == "uncertainty":
         return kind.has_restitution
     if (observed := name.removesuffix("_uncertainty")) in OBSERVED:

@@ -58,8 +58,6 @@ NOT_CORRECTED = (
     "not corrected for air: the ball's diameter, and its mass or density, are not given "
     "(air = false says that no correction is needed)"
 )
-OFF = 4.0  # standard uncertainties by which ε may differ from the other columns of its row
-OFF_UNKNOWN = 0.05  # the same where none is stated
 HIGHER = 1.3  # times the interval before: no noise
 # of two columns: their names, what is accepted, and their ratio beyond which they are exchanged or not in one unit
 PAIRS = {
@@ -161,10 +159,7 @@ def read_rows(
     g = as_number("gravity", g, lambda g: g > 0, "a positive acceleration in m/s²")
     around, remarks = _air(air, columns, ball, kind, g)
     remarks = (*layout.remarks, *filter(None, [layout.assumed * of_file]), *remarks)
-    fall = _fall(
-        layout, around, g, has_rebounds={HEIGHTS[1], "restitution"} & {*columns} == {HEIGHTS[1]}
-    )
-    return Rows(kind, columns, layout.relative, g, around, fall, remarks)
+    return Rows(kind, columns, layout.relative, g, around, _fall(layout, around, g), remarks)
 
 
 def points_of(rows: Rows) -> Points:
@@ -262,13 +257,12 @@ def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: f
     raise DataError("ball", "missing", "given with air: its diameter, and its mass or density")
 
 
-def _fall(layout: Layout, air: Air | None, gravity: float, has_rebounds: bool) -> Fall | None:
+def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
     """Conversion of heights to velocities; None for other columns, and for balls of several sizes."""
-    if HEIGHTS[0] not in layout.kind.needs or (
-        air is not None and np.ndim(air.diameter * air.mass)
-    ):
+    needs = layout.kind.needs
+    if HEIGHTS[0] not in needs or (air is not None and np.ndim(air.diameter * air.mass)):
         return None
-    fall = Fall(layout.written[HEIGHTS[0]] or "m", gravity, has_rebounds=has_rebounds)
+    fall = Fall(layout.written[HEIGHTS[0]] or "m", gravity, has_rebounds=HEIGHTS[1] in needs)
     if air is None:
         return fall
     diameter, mass = float(air.diameter), float(air.mass)
@@ -346,11 +340,9 @@ def _single_impacts(rows: Rows) -> Points:
         if rows.kind.what:
             velocity, restitution, errors, remarks = _of_pairs(rows)
         else:
-            velocity, restitution = rows.columns["velocity"], np.full(count, np.nan)
+            velocity = rows.columns["velocity"]
+            restitution = rows.columns.get("restitution", np.full(count, np.nan))
             errors, remarks = PointErrors.alone(count), ()
-        if "restitution" in rows.columns:
-            restitution, added = _stated_restitution(rows, restitution)
-            remarks = (*remarks, *added)
         errors, added = _with_own(errors, rows, velocity, restitution)
     return Points(velocity, restitution, errors, complete, (*left_out, *remarks, *added))
 
@@ -417,34 +409,6 @@ def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Co
         what = f"uncertainty of the {rows.kind.what}"
         require(what, sizes[-1], lambda u: u >= 0, "a number of 0 or more")
     return sizes, remarks if names[1] in rows.kind.needs else ()
-
-
-def _stated_restitution(rows: Rows, measured: Column) -> tuple[Column, tuple[str, ...]]:
-    """The restitution of a table, which must follow from its other columns, and not be the likely slip, ε²."""
-    columns, stated, is_corrected = rows.columns, rows.columns["restitution"], False
-    names, formula, expected = VELOCITIES, f"{VELOCITIES[1]}/{VELOCITIES[0]}", measured
-    if {*HEIGHTS} <= {*columns}:
-        names, formula = HEIGHTS, f"√({HEIGHTS[1]}/{HEIGHTS[0]})"
-        expected = np.sqrt(columns[HEIGHTS[1]] / columns[HEIGHTS[0]])
-        if rows.air is not None:
-            vacuum, air = (np.nanmedian(np.abs(stated - eps)) for eps in (expected, measured))
-            is_corrected = bool(vacuum < air)
-            if not is_corrected:
-                expected, formula = measured, f"{formula} in air"
-    uncertainty = rows.uncertainty("uncertainty", stated)
-    noise = OFF_UNKNOWN if uncertainty is None else OFF * uncertainty
-    off, off_slip = np.abs(stated - expected), np.abs(stated - expected**2)
-    is_slip = (off_slip < off) & (off_slip <= noise) & (names == HEIGHTS)
-    # noise hides it in a point near ε = 1, not in most
-    wrong = is_slip if 2 * np.sum(is_slip) > len(stated) else off > noise
-    for row in np.flatnonzero(wrong)[:1]:
-        blame = "the ratio of the heights" if is_slip[row] else "not the one of the same row"
-        accepted = f"{formula}, {expected[row]:.6g}, or left out"
-        raise DataError("restitution", f"{stated[row]:.6g}, {blame}", accepted, int(row))
-    if is_corrected:
-        remark = "restitution is √(rebound_height/drop_height): it is corrected for air too"
-        return measured, (remark,)
-    return stated, ()
 
 
 # ---------------------------------------------------------------- bounces that follow each other

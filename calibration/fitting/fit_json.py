@@ -61,6 +61,7 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Column = list[float] | None
 Leaf = Positive | list[Positive]  # of the bodies: one number, or one an impact
+Several = Annotated[list[float], Field(min_length=1)]
 Covariance = Annotated[
     np.ndarray,
     PlainValidator(as_covariance),
@@ -78,7 +79,7 @@ class DataRecord(Strict):
     uncertainty: Column
     velocity_uncertainty: Column
     contact: dict[str, Leaf | str] | None
-    bodies: list[dict[str, float | list[float] | str | None]] = Field(default_factory=list)
+    bodies: list[dict[str, float | Several | str | None]] = Field(default_factory=list)
     remarks: tuple[str, ...]
     group: list[str] | None
     errors: dict[str, Any] | None

@@ -81,7 +81,7 @@ REFUSED = {
     f"{SENSITIVITY} --law constant --set restitution=0": "ε = 0 everywhere",
     f"{GLOBAL} --range chi=-0.1:0.1": "chi = -0.1 … 0.1",
     f"{SENSITIVITY} --study design --target critical_velocity": "none of them affects it",
-    f"{SENSITIVITY} --study design --over 1:2": "--over",
+    f"{SENSITIVITY} --study design --over 1:2": "`over` must be left out with criterion c",
     f"{SENSITIVITY} --study design --criterion I --over fast": "--over",
     f"{SENSITIVITY} --study information --shots 0": "`--shots` must be a whole number of 1",
     f"{SENSITIVITY} --study information --free yield_strength=much": "--free",

@@ -375,8 +375,6 @@ def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_
     for noise, weight in (("normal", ""), ("student-t", r", weight [\d.e-]+")):
         text = " ".join(str(cal.fit(data, "constant", profiles=False, noise=noise)).split())
         assert re.search(line.replace("{}", weight), text), text
-    with_rebound = make(table | {"restitution": np.sqrt(0.8) + 0 * drop}, pair("nylon"), air=False)
-    assert not with_rebound.fall.has_rebounds
 
 
 def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
