@@ -60,7 +60,7 @@ def test_its_gradient_is_that_of_the_restitution():
 
 
 def test_apart_there_is_no_force_and_no_memory():
-    overlap, law = jnp.array([-1e-6, 0.0]), LAWS["zhou"]
+    overlap, law = jnp.array([-1e-6, 0.0]), LAWS["thornton"]
     of = lambda x: sj.contact_force(law, x, 1.0, 1e-5)  # noqa: E731
     (force, memory), (slope, _) = jax.jit(lambda x: jax.jvp(of, (x,), (jnp.ones(2),)))(overlap)
     np.testing.assert_array_equal(force, 0)

@@ -12,7 +12,7 @@ from tests.laws import LAWS, PRECISE, WITH_FORCE, expected
 
 HISTORY = ("time", "overlap", "velocity", "force")
 SAMPLES, PEAK = np.int64(2001), 1000  # unloading begins at the middle sample
-QUICK = ("zhou", "viscoelastic", "thornton")
+QUICK = ("zhou", "viscoelastic")
 # v/v_cr of Zhou's law beside the plain ones: at rest, slow, just yielding, without a turning point
 RATIOS = np.array([0.0, 1e-6, 1.0 + 1e-9, 3e3])
 
