@@ -119,11 +119,10 @@ class Sheet(Mapping[str, Any]):
         self.remarks += [WINDOWS] * (encoding == "cp1252")
         raw_lines = io.StringIO(text, newline=None)
         lines = ["\n" if line.lstrip().startswith("#") else line for line in raw_lines]
-        first = next((k for k, line in enumerate(lines) if line.strip(" \t,;\r\n")), 0)
-        header = lines[first] if lines else ""
+        header = next((line for line in lines if line.strip(" \t,;\r\n")), "")
         self.delimiter = next((mark for mark in "\t;" if mark in header), ",")
         if separator := re.fullmatch(r"sep=([,;\t])\s*", header):
-            lines[first], self.delimiter = "\n", separator[1]
+            lines[lines.index(header)], self.delimiter = "\n", separator[1]
         spaced = self.delimiter != "\t"
         reader = csv.reader(lines, delimiter=self.delimiter, skipinitialspace=spaced, strict=True)
         end = 0

@@ -319,9 +319,7 @@ def like_measured(
         were = _readings(errors.kind, velocity, restitution, gravity)
         sizes = zip(table, errors.sizes(0.0)[errors.index[:, :2]].T, strict=True)
         stated |= {f"{name}_uncertainty": like(u, were[name], table[name]) for name, u in sizes}
-    table |= stated
-    planned = RestitutionData.from_table(table, name="planned", **options)
-    return planned.errors
+    return RestitutionData.from_table(table | stated, **options).errors
 
 
 def _readings(kind: str, velocity: Velocity, restitution: Velocity, gravity: Any) -> dict[str, Any]:

@@ -448,7 +448,7 @@ class Errors:
     @cached_property
     def _starts(self) -> np.ndarray:
         group = self.group[self._order]  # type: ignore[index]
-        return np.flatnonzero(np.diff(group, prepend=-1))
+        return np.unique(group, return_index=True)[1]
 
     def _factors(self, s: Variances, slope: Any, xp: Any) -> Any:
         """Effect of one standard deviation of each input error on ε, (..., n, 3)."""

@@ -88,7 +88,7 @@ def screened(
     lanes = Lanes(elastic=problem.elastic_at(places))
     linear = problem.linearise(places, lanes, slopes=False)
     squares = np.nan_to_num(linear.residual, nan=np.inf) ** 2
-    begins = np.flatnonzero(np.diff(problem.points.set, prepend=-1))
+    begins = np.unique(problem.points.set, return_index=True)[1]
     of_sets = np.add.reduceat(squares[:, : problem.count], begins, axis=1)
     costs = of_sets + squares[:, problem.count :].sum(axis=1)[:, None]
     keep = min(keep, count)

@@ -239,7 +239,7 @@ def optimal_velocities(
     laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
     if not laws:
         raise DataError("law", law, "one law or more, or a FitResult")
-    reach = [low, high, *(over if criterion == "I" else ())]
+    reach = [low, high, *over]
     plans = [plan_of(law, reach, uncertainty=uncertainty, measured=known, **of) for law in laws]
     first, even = plans[0], np.linspace(low, high, count)
     symbols = dict(zip(first.names, first.symbols, strict=True))

@@ -106,6 +106,9 @@ def test_an_effect_too_small_to_see_is_named_in_the_legend(tmp_path):
     law = ("--law", "viscoelastic", "--set", "dissipation_time=1e-4")
     where = ("--from", "1", "--to", "9", "--points", "5", "--at", "2")
     made = shown(tmp_path, "sensitivity", tmp_path / "rubber.toml", *law, *where)
+    numbers = made.figures["tornado.png"].axes[0].texts  # of the lowest bars, too short to see
+    places = [number.get_position() for number in numbers]
+    assert places == [(0, row) for row in range(len(places))] != []
     names = legend(made.figures["sensitivity.png"].axes[0])
     (below,) = [name for name in names if name.startswith("below")]
     assert "wall" in below
