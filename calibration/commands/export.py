@@ -14,7 +14,6 @@ and its error are named, and nothing is written.
 import argparse
 
 from calibration.commands.source_options import add_source_arguments
-from calibration.errors import DataError
 
 CODES = ("c", "lammps", "liggghts", "yade")
 
@@ -45,12 +44,13 @@ def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.commands.source import read_source
     from calibration.particle_codes.entry import export
+    from calibration.studies.inputs import both_ends
 
     sj.enable_x64()
     source = read_source(arguments)
     names = ("tolerance", "steps", "overlap", "losses", "prefix", "below")
     options = {name: getattr(arguments, name) for name in names}
-    options["velocity_range"] = _range(arguments.range)
+    options["velocity_range"] = arguments.range and both_ends("--range", arguments.range)
     if source.result is None:
         known = source.properties or {}
         radii = [known[name] for name in ("radius", "radius_1", "radius_2") if name in known]
@@ -69,13 +69,3 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f"{source.remark}\n{made}")
     return 0
-
-
-def _range(text: str | None) -> tuple[float, float] | None:
-    if text is None:
-        return None
-    try:
-        low, high = map(float, text.split(":"))
-    except ValueError:
-        raise DataError("--range", text, "lowest:highest in m/s, such as 0.1:5") from None
-    return low, high

@@ -343,9 +343,8 @@ class RestitutionData:
         if value is None:
             return None
         if np.ndim(value) == 0:
-            value = [
-                as_number(name, value, lambda _: True, "a number, or one for each point")
-            ] * len(self)
+            number = as_number(name, value, lambda _: True, "a number, or one for each point")
+            value = np.full(len(self), number)
         numbers = as_numbers(name, value)
         check_lengths({"velocity": self.velocity, name: numbers})
         return numbers
@@ -355,9 +354,7 @@ class RestitutionData:
         if np.ndim(value) == 0:
             return as_number(name, value, lambda x: x > 0, "a positive number")
         numbers = as_numbers(name, value)
-        if len(numbers) != len(self):
-            accepted = f"of single numbers or {len(self)} long like `velocity`"
-            raise DataError(name, f"{len(numbers)} long", accepted)
+        check_lengths({"velocity": self.velocity, name: numbers})
         require(name, numbers, lambda x: x > 0, "a positive number")
         return numbers
 

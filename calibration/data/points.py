@@ -130,12 +130,17 @@ def read_rows(
     kind, columns = layout.kind, {}
     for name, at in layout.position.items():
         if at < len(headers):
-            columns[name] = _column(name, table[headers[at]], layout)
+            values = table[headers[at]]
         else:
-            number = as_number(
-                name, [*for_all.values()][at - len(headers)], lambda _: True, "a number"
+            stated = [*for_all.values()][at - len(headers)]
+            number = as_number(name, stated, lambda _: True, "a number")
+            values = np.full(len(columns[kind.needs[0]]), number)
+        with np.errstate(over="ignore"):  # what is not finite is refused as the quantity that it is
+            columns[name] = (
+                as_labels(name, values)
+                if name in LABELS
+                else in_si(as_numbers(name, values), layout.units[name])
             )
-            columns[name] = in_si(np.full(len(columns[kind.needs[0]]), number), layout.units[name])
     for name in uncertainties:
         if name not in columns:
             raise DataError(name, "given", f"left out with {' and '.join(kind.needs)}")
@@ -194,13 +199,6 @@ def observed_of(rows: Rows, points: Points) -> dict[str, np.ndarray]:
                 "contact_time", float(columns["contact_time"][row]), accepted, int(points.rows[row])
             )
     return columns
-
-
-def _column(name: str, values: Any, layout: Layout) -> np.ndarray:
-    if name in LABELS:
-        return as_labels(name, values)
-    with np.errstate(over="ignore"):  # what is not finite is refused as the quantity that it is
-        return in_si(as_numbers(name, values), layout.units[name])
 
 
 def _heading(name: str, value: Any) -> tuple[str, Any]:

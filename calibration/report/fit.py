@@ -156,6 +156,7 @@ def sections(
 ) -> dict[str, list[Block]]:
     """The parts of a report by name, in their order; `pictures` are {caption: file next to the report}."""
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
+    notes = [(note, fit.name) for fit in result.materials for note in fit.data.notes]
     implausible = [w for w in result.warnings if w.code == "plausibility"]
     methods = [f"{name}: {text}" for name, text in interval_methods(result).items()]
     quality, bodies = quality_table(result), bodies_table(result)
@@ -168,7 +169,7 @@ def sections(
         "about": [Block("about", f"{datetime.date.today().isoformat()}; {versions}")],
         "verdict": [_verdict(result, len(of_draws))],
         "data": [Block("list", [_data_set(fit) for fit in result.materials])],
-        "notes": _optional("list", _notes(result)),
+        "notes": _optional("list", _with_owners(result, notes, "{names}: {text}")),
         "bodies": [] if bodies.empty else [Block("heading", "Bodies"), Block("table", bodies)],
         "parameters": [
             Block("heading", "Parameters"),
@@ -250,12 +251,6 @@ def _stated_words(parameter: Parameter) -> str:
         group = "all" if parameter.shared is True else f"the group {parameter.shared}"
         parts.append(f"one value for {group}")
     return ", ".join(parts)
-
-
-def _notes(result: Any) -> list[str]:
-    """Remarks about the data, each once."""
-    texts = [(note, fit.name) for fit in result.materials for note in fit.data.notes]
-    return _with_owners(result, texts, "{names}: {text}")
 
 
 def _with_owners(result: Any, texts: Iterable[tuple[str, str]], form: str) -> list[str]:

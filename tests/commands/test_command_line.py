@@ -89,7 +89,7 @@ REFUSED = {
     "sensitivity --fit FIT --study design --fix psi": "--fix",
     "export nylon --to lamps": "did you mean 'lammps'",
     EXPORT: "--to",
-    f"{EXPORT} --to c --range 5": "lowest:highest",
+    f"{EXPORT} --to c --range 5": "--range|LOW:HIGH",
     f"{EXPORT} --to c --law hertz-dashpot": "`--law` must be given with --set",
     "export --fit FIT --to c --law zhou": "`--law` must be left out with --fit",
     "export --fit FIT --to c --range 0.05:20": "where the data determine",
