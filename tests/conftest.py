@@ -30,7 +30,7 @@ from tests.cases import fitted
 from tests.command import write_alloy
 
 sj.enable_x64()
-gc.set_threshold(50_000, 20, 100)  # traces are many objects, and live: looked through less often
+gc.set_threshold(500_000, 20, 100)  # traces are many objects, and live: looked through less often
 
 
 def pytest_addoption(parser):

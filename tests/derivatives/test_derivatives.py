@@ -29,13 +29,15 @@ HARD = np.array([0.0, 1e-100, 1e-6, 1.0, 1e5])  # dT/dv itself overflows at 1e-3
 INVALID = np.array([np.nan, -1.0, np.inf, 0.5])  # the last one by a number of the law
 BY_TIME = ("viscoelastic", PRECISE)
 UNTIMED = [BY_TIME, ("zhou", ENERGY), ("zhou full", ENERGY)]  # the duration is dear
+OTHER_END = ("linear dashpot to zero-force", "hertz dashpot to zero-overlap")  # of each law one
 CASES = [
     pytest.param(
         name,
         route,
         lasting,
         id=f"{name}-{route.name}" + "-lasting" * lasting,
-        marks=[LONG] * (lasting if (name, route) in UNTIMED else route == PRECISE),
+        marks=[LONG]
+        * (lasting if (name, route) in UNTIMED else route == PRECISE or name in OTHER_END),
     )
     for name, law in LAWS.items()
     for route in law.routes
