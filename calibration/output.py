@@ -96,8 +96,8 @@ def _replace(staged: Path, target: Path, names: Sequence[str]) -> None:
 def _concerns(name: str | bytes, directory: Path) -> bool:
     """Whether a file is one to be written, or above: an error on any other is no want of space or rights."""
     place = Path(os.fsdecode(name)).absolute()
-    above = directory.is_relative_to(place) or place.is_relative_to(directory)
-    return above or any(part.startswith(UNFINISHED) for part in place.parts)
+    is_new = any(part.startswith(UNFINISHED) for part in place.parts)
+    return is_new or directory.is_relative_to(place)
 
 
 def _nearest_existing(directory: Path) -> Path:
