@@ -95,6 +95,7 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
     assert main(["fit", "drops.toml", "--out", "fitted", *law]) == 0
     data = cal.FitResult.load("fitted/fit.json").materials[0].data
     np.testing.assert_allclose(data.fall.height(data.velocity), drop, rtol=1e-9)
+    assert data.fall.diameter == pytest.approx(2 * 0.0127)
     plan = ("--fit", "fitted/fit.json", "--shots", "2")
     both = saved(*plan, "--study", "design", "--sensor", "contact_time=2%")
     assert both["design"]["without_sensors"].keys() == both["design"]["relative_errors"].keys()

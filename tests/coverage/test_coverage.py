@@ -254,6 +254,8 @@ def test_what_simulated_sets_say_is_what_they_are_made_of():
     assert found.spread["yield_factor"] == pytest.approx(np.std(x))
     assert found.ratio["yield_factor"] == pytest.approx(np.mean(error**2) ** 0.5 / np.std(x))
     assert (found.converged, found.without_interval) == (1.0, {"yield_factor": 0.0})
+    truth = sj.EmpiricalRestitution(30.0, 0.9, 0.5)
+    assert cal.CoverageCase("Eq. (17)", truth, [1.0, 2.0]).data().limit_velocity == 30
 
 
 if __name__ == "__main__":
