@@ -77,7 +77,7 @@ def test_another_material_radius_and_factor_for_each_impact():
             assert together.status[i, j] == one.status
 
 
-QUICK = ("thornton", "walton-braun", "hertz dashpot to zero-force", "eq. 17")
+QUICK = ("thornton", "hertz dashpot to zero-force", "eq. 17")
 
 
 @pytest.mark.parametrize(
