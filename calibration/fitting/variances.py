@@ -36,7 +36,7 @@ LONGEST = 2.0  # step in a logarithm
 ROUNDS, HALVINGS = 60, 25
 ARRIVED = 1e-8  # of a step: it is the last
 FEW = 20_000  # points of all fits, up to which the search begins from several places
-ALIKE = 1e-6  # of V_ii: variances that have settled
+SETTLED = 1e-5  # relative change of a variance, or of a spread
 
 Estimated = dict[str, np.ndarray]
 
@@ -292,26 +292,11 @@ def renewed(problem: Problem, z: np.ndarray, restricted: bool = True) -> Problem
 
 def have_settled(before: Problem, after: Problem) -> bool:
     """Whether two problems have the same variances and spreads of pools."""
-    pools = zip(before.pools, after.pools, strict=True)
-    return all(np.isclose(a.spread, b.spread, rtol=1e-5, atol=0) for a, b in pools) and all(
-        _same_variances(errors, a, b)
-        for errors, a, b in zip(before.errors, before.variances, after.variances, strict=True)
+    was, now = (
+        [*(s[kind] for s in p.variances for kind in s), *(pool.spread for pool in p.pools)]
+        for p in (before, after)
     )
-
-
-def _same_variances(errors: Errors, before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Equal in what each variance adds to that of ε."""
-
-    def moved(kind: str) -> bool:
-        if kind in NUMBERS:
-            return abs(after[kind] / before[kind] - 1) > 1e-3
-        was, now = (
-            float(np.mean(errors.diagonal(s) + np.zeros(len(errors))))
-            for s in (before, {**before, kind: after[kind]})
-        )
-        return abs(now - was) > ALIKE * was
-
-    return not any(moved(kind) for kind in before)
+    return np.allclose(was, now, rtol=SETTLED, atol=0)
 
 
 LEAST_SPREAD, MOST_SPREAD = 1e-4, 30.0  # of a spread, in z
