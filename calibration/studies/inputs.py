@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import softjax as sj
 from calibration.errors import DataError, listed
-from calibration.fitting.laws import eps_up_of
+from calibration.fitting.laws import eps_up_of, sigma_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 from softjax.fields import Declared, declarations, numbers_of, options_of, shared_fields
@@ -106,9 +105,8 @@ class OfLoss(eqx.Module):
 
     def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
         values = {**values, "sigma": 1.0, "psi": self.psi}
-        loss, contact = -jnp.log(values.pop("eps_up")), self.build(values).contact
-        ratio = contact.critical_velocity / (contact.limit_velocity - contact.critical_velocity)
-        return self.build({**values, "sigma": loss / ratio**self.psi})
+        eps_up, contact = values.pop("eps_up"), self.build(values).contact
+        return self.build({**values, "sigma": sigma_of(contact, eps_up, self.psi)})
 
 
 def of_spheres(
