@@ -149,7 +149,8 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     size = np.where((deviation > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
     # the one of n points that noise sends so far once in 1/`RARE` data sets
     limit = special.ndtri(1 - 0.5 * RARE / len(off))
-    weight = family.weight(residual) / family.weight(0 * residual)
+    weighted, share = linear.residual[0, : problem.count][span] / allowed, family.weight(residual)
+    standardised, weight = weighted / np.sqrt(share), share / family.weight(0 * residual)
     lines = () if data.origin is None else data.origin.lines
     farthest = np.argsort(-size, kind="stable")[:MOST_OUTLIERS]
     outliers = (
@@ -183,7 +184,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         noise_family=errors.noise.name,
         noise_dof=None if dof is None else float(dof),
         outliers=tuple(outliers),
-        standardised=tuple(map(float, linear.residual[0, : problem.count][span] / allowed)),
+        standardised=tuple(map(float, standardised)),
         residual_degrees=left,
         group_offsets=offsets,
     )

@@ -347,11 +347,7 @@ def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
     elif variances.get("scatter"):
         ratio = (1 + variances["scatter"] / stated) ** 0.5
     else:
-        ratio = float(np.median(size)) / special.ndtri(0.75)
-        if np.isfinite(dof):  # standardised ones are weighted
-            middle = ratio * special.ndtri(0.75)
-            middle /= max((dof + 1 - middle**2) / dof, 1e-4) ** 0.5
-            ratio = middle / special.stdtrit(dof, 0.75)
+        ratio = float(np.median(size)) / quantile(0.5, dof)
     few = len(size) < FEWEST_POINTS
     if ratio > FAR_FROM_STATED or (ratio < 1 / FAR_FROM_STATED and not few):
         return f"the points scatter by {ratio:.2g} times what was stated"

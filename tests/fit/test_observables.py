@@ -133,6 +133,8 @@ def test_bands_are_in_si_and_outliers_are_named(data, result, tmp_path):
     named = max(found.outliers, key=lambda outlier: abs(outlier.residual))
     assert (named.row, named.observable, named.value) == (8, "contact_time", value[7])
     assert "t_c" in str(named)
+    plain = found.materials[0].observed["contact_time"].standardised
+    assert plain[7] == pytest.approx(-named.residual, rel=1e-6)
     found.save(tmp_path / "fit.json")
     assert cal.FitResult.load(tmp_path / "fit.json") == found
 
