@@ -58,7 +58,7 @@ def dealt(files: dict[str, int], count: int) -> list[list[str]]:
     return parts
 
 
-MOST_MAPPED = 30_000  # of the parts of memory that Linux lets a process have, 65 530
+MOST_MAPPED = 45_000  # of the parts of memory that Linux lets a process have, 65 530
 
 
 def _mapped() -> int:
