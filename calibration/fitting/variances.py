@@ -175,7 +175,9 @@ class _Search:
                 self.errors.variance(bare, self.residuals.slope, self.residuals.bend)
                 + 0 * self.residuals.off
             )
-        indefinite = np.all(none | self.is_number, axis=1)
+        # offsets alone leave no error between the points of a group
+        apart = ~self.is_number & (np.array(self.errors.unknown) != "group")
+        indefinite = np.all(none | ~apart, axis=1)
         indefinite &= ~(np.min(rest, axis=1) > NONE * self.square)
         none[indefinite, 0] = False
         kinds = enumerate(self.errors.unknown)

@@ -110,6 +110,21 @@ def test_a_mean_of_groups_is_that_of_their_means_and_another_one_s_band_has_thei
     assert stats.t.ppf(0.975, degrees) < reach < stats.t.ppf(0.975, 5)
 
 
+@pytest.mark.parametrize("kind", ["specimens", "launches"])
+def test_groups_that_scatter_nowhere_inside_are_their_means(kind):
+    """Three values, each without scatter: their mean, and their standard deviation over √3."""
+    e, label = np.array([0.8, 0.85, 0.83]), np.repeat([*"abc"], 6)
+    data = cal.RestitutionData(np.tile(np.geomspace(0.1, 2, 6), 3), np.repeat(e, 6), group=label)
+    if kind == "launches":
+        times = 0.5 * e[:, None] ** np.arange(6)
+        table = {"interval": times.ravel(), "launch": label}
+        data = cal.RestitutionData.from_table(table, air=False)
+    result = cal.fit(data, "constant", **FEW)
+    assert result.values["restitution"] == pytest.approx(np.mean(e), rel=1e-9)
+    error = np.std(e, ddof=1) / 3**0.5
+    assert result.standard_errors["restitution"] == pytest.approx(error, rel=1e-5)
+
+
 def test_the_error_of_unequal_groups_has_what_their_variances_add():
     """Kenward and Roger's of a mean, written down: V = s² 1 + g² (same group)."""
     random, counts = np.random.default_rng(1), np.array([1, 1, 1, 2, 2, 2, 14])
