@@ -283,7 +283,10 @@ def comparison_figure(comparisons: Sequence[Any]) -> Figure:
             if style.spans_decades(data.velocity):
                 style.logarithmic_x(ax)
         upper, lower = axes
-        low, high = np.min(data.restitution), np.max(data.restitution)
+        shown = data.restitution
+        if np.all(np.isnan(shown)):
+            shown = np.concatenate([value for _, value in curves.values()])
+        low, high = np.nanmin(shown), np.nanmax(shown)
         room = ROOM * max(high - low, 0.02)
         lower.set(ylim=(low - room, high + room), xlabel=style.VELOCITY)
         low, high = upper.get_ylim()

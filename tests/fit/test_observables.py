@@ -9,6 +9,7 @@ import calibration as cal
 import softjax as sj
 from calibration.observables import OBSERVABLES, predicted
 from calibration.plots import observables_figure
+from calibration.plots.curves import comparison_figure
 from tests.fit_data import pair
 from tests.shown.tables import cells
 
@@ -298,12 +299,16 @@ def test_impacts_may_lack_a_restitution(tmp_path):
     known = np.isfinite(eps)
     times = 2.9432751884 * sj.restitution(sj.Hertz(PAIR), V).peak_overlap / V
     times = times * (1 + 0.02 * random.standard_normal(20))
-    result = cal.fit(cal.RestitutionData(V, eps, PAIR, contact_time=times), **QUICK)
+    data = cal.RestitutionData(V, eps, PAIR, contact_time=times)
+    result = cal.fit(data, **QUICK)
     best, _ = optimize.curve_fit(curve, V[known], eps[known], (3.0, 0.5), xtol=1e-12, ftol=1e-12)
     expected = np.mean((eps[known] - curve(V[known], *best)) ** 2) ** 0.5
     assert result.materials[0].rms_empirical == pytest.approx(expected, rel=1e-6)
     assert "curves.png" in result.report(tmp_path)
     assert ["data", "13"] in [cells(line)[:2] for line in str(result).splitlines()]
+    _, lower = comparison_figure([cal.compare(data, ["thornton"], starts=2)]).axes
+    low, high = lower.get_ylim()
+    assert low < np.min(eps[known]) < np.max(eps[known]) < high
 
 
 def test_where_no_restitution_was_measured_none_is_predicted(tmp_path):
@@ -316,3 +321,5 @@ def test_where_no_restitution_was_measured_none_is_predicted(tmp_path):
     with pytest.raises(ValueError, match="one that was measured: peak_force, but is restitution"):
         result.band(V, kind="prediction")
     np.testing.assert_array_equal(cal.fisher_information(result, [0.2]).uncertainty, [0.01])
+    _, lower = comparison_figure([cal.compare(data, ["hertz"], starts=2)]).axes
+    assert lower.get_ylim() == pytest.approx((1, 1), abs=0.05)  # an elastic law's curve
