@@ -1,6 +1,11 @@
 """Pictures of fits. matplotlib is imported here and nowhere above; no pyplot, no global state."""
 
-from calibration.plots.curves import curves_figure, observables_figure, restitution_figure
+from calibration.plots.curves import (
+    comparison_figure,
+    curves_figure,
+    observables_figure,
+    restitution_figure,
+)
 from calibration.plots.lines import Line, lines_of
 from calibration.plots.parameters import (
     correlation_figure,
@@ -12,6 +17,7 @@ from calibration.plots.style import save
 
 __all__ = [
     "Line",
+    "comparison_figure",
     "correlation_figure",
     "curves_figure",
     "lines_of",

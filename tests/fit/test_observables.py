@@ -8,8 +8,7 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from calibration.observables import OBSERVABLES, predicted
-from calibration.plots import observables_figure
-from calibration.plots.curves import comparison_figure
+from calibration.plots import comparison_figure, observables_figure
 from tests.fit_data import pair
 from tests.shown.tables import cells
 
