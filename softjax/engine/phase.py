@@ -99,14 +99,14 @@ def samples(start: float, end: float, fractions: np.ndarray) -> np.ndarray:
 
 
 def over_angle(
-    plane: Plane, states: States, end: float, route: Any, save=None
+    plane: Plane, states: States, end: float | Array, route: Any, save=None
 ) -> tuple[States, Bool[Array, ""]]:
     """From there to another u, or at shares `save` of the way; and the solver's verdict."""
     start = states.way
     stop = jnp.full_like(start, end)
 
     def field(u, state):
-        u = jnp.minimum(u, -ASIDE) if end == PEAK else jnp.where(start < PEAK, u, _after(u))
+        u = jnp.minimum(u, -ASIDE) if end is PEAK else jnp.where(start < PEAK, u, _after(u))
         return rates(plane, u, state[0])[: len(state)]
 
     begin = (states.radius,) if states.clock is None else (states.radius, states.clock)
@@ -146,20 +146,24 @@ def to_zero_force(
     first = ratio(*position(plane.m, States(_after(states.way), states.radius)))
 
     def field(_, state):
-        u, radius = jnp.minimum(_after(state[0]), PARTING), state[1]
-        along = rates(plane, u, radius)
-        of_state = lambda u, radius: ratio(*position(plane.m, States(u, radius)))  # noqa: E731
-        ones = jnp.ones_like(u)
-        g, change = jax.jvp(of_state, (u, radius), (ones, along[0]))  # and dg/du on the way
-        falls = change * (1 - u) - g  # dz/du
+        u = jnp.minimum(_after(state[0]), PARTING)
+        along, falls = falling(plane, ratio, u, state[1])
         # where z does not fall the way leads nowhere: the solver is to give up
         pace = -1 / jnp.where(falls < 0, falls, 0.0)
-        return tuple(pace * rate for rate in (ones, *along)[: len(state)])
+        return tuple(pace * rate for rate in (jnp.ones_like(u), *along)[: len(state)])
 
     begin = tuple(state for state in states if state is not None)
     way = jnp.maximum(first, ASIDE)  # a force that pulls at once ends the contact at its peak
     solution, solved = solve(field, jnp.zeros_like(way), way, begin, route, save)
     return States(*solution), solved & jnp.all(jnp.isfinite(solution[0]))
+
+
+def falling(plane: Plane, ratio: Callable, u: Array, radius: Array):
+    """What `rates` gives, and dz/du."""
+    along = rates(plane, u, radius)
+    of_state = lambda u, radius: ratio(*position(plane.m, States(u, radius)))  # noqa: E731
+    g, change = jax.jvp(of_state, (u, radius), (jnp.ones_like(u), along[0]))
+    return along, change * (1 - u) - g
 
 
 def _after(u: Array) -> Array:
