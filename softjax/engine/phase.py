@@ -103,10 +103,10 @@ def over_angle(
 ) -> tuple[States, Bool[Array, ""]]:
     """From there to another u, or at shares `save` of the way; and the solver's verdict."""
     start = states.way
-    stop = jnp.full_like(start, end)
+    stop, is_loading = jnp.full_like(start, end), isinstance(end, float) and end == PEAK
 
     def field(u, state):
-        u = jnp.minimum(u, -ASIDE) if end is PEAK else jnp.where(start < PEAK, u, _after(u))
+        u = jnp.minimum(u, -ASIDE) if is_loading else jnp.where(start < PEAK, u, _after(u))
         return rates(plane, u, state[0])[: len(state)]
 
     begin = (states.radius,) if states.clock is None else (states.radius, states.clock)

@@ -10,7 +10,7 @@ from tests import laws
 from tests.laws import LAWS, PAIR, numbers, with_numbers
 
 LONG = pytest.mark.long
-IN_DEFAULT = ("thornton", "hertz dashpot to zero-force", "eq. 17")
+IN_DEFAULT = ("thornton", "walton-braun", "hertz dashpot to zero-force", "eq. 17")
 OTHERS = [pytest.param(n, marks=() if n in IN_DEFAULT else LONG) for n in LAWS]
 
 

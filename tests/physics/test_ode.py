@@ -158,7 +158,7 @@ def largest_error(route):
 
 @pytest.mark.parametrize(
     ("solver", "every"),
-    [("dopri5", 2), *(pytest.param(s, 1, marks=LONG) for s in ORDERS)],
+    [("dopri5", 2), ("dopri8", 2), *(pytest.param(s, 1, marks=LONG) for s in ORDERS)],
 )
 def test_error_falls_as_the_order_of_the_solver(solver, every):
     """With n equal steps the error goes as n^-order, by regression over n.
