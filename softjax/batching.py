@@ -32,6 +32,7 @@ from softjax.numerics.derivatives import (
     value_and_gradients,
     value_and_slopes,
 )
+from softjax.numerics.roots import elementwise
 
 # impacts in the smallest program: it takes a second to compile and an impact a microsecond
 LEAST = 16
@@ -115,7 +116,7 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
     # within the caller's own program whatever is computed is traced, of constants too
     # (`device_put` knows without anything to compile)
     if any(is_traced(leaf) for leaf in leaves) or is_traced(jax.device_put(0.0)):
-        return _of_traced(program, leaves, shared, shape, cut)
+        return _of_traced(program, *leaves, shared=shared, cut=cut)
     count = math.prod(shape)
     arrays_of_jax = [leaf for leaf in leaves if isinstance(leaf, jax.Array)]
     if not count or any(len(leaf.sharding.device_set) > 1 for leaf in arrays_of_jax):
@@ -215,13 +216,14 @@ def _aligned(count: int, dtype) -> np.ndarray:
     return memory[first : first + count * dtype.itemsize].view(dtype)
 
 
-def _of_traced(program: _Program, leaves, shared, shape, cut: bool):
+def _of_traced(program: _Program, *leaves, shared: Shared, cut: bool):
     """Of impacts in the caller's own program: one call for all, or for chunk after chunk."""
-    if not any(shared) and _mapped_here(leaves):
-        return _as_array(program, shared, shape, cut)(*leaves)
-    count = math.prod(shape)
-    few = count < 2 * BLOCK or any(shared) or not cut
-    if few or on_several_devices() or not _on_cpu():
+    if not any(shared) and _mapped_here(leaves):  # a `vmap` of an impact computes an array of them
+        here = partial(_of_traced, program, shared=shared, cut=cut)
+        return elementwise(here, here)(*leaves)
+    shape = () if any(shared) else np.broadcast_shapes(*map(np.shape, leaves))
+    few = math.prod(shape) < 2 * BLOCK
+    if few or not cut or on_several_devices() or not _on_cpu():
         return _compiled(program, *leaves)
     many = [np.size(leaf) > 1 for leaf in leaves]
     flat = [
@@ -230,7 +232,7 @@ def _of_traced(program: _Program, leaves, shared, shape, cut: bool):
     ]
     # the reverse pass computes a chunk again: faster than to fetch what it would have to store
     of_chunk = jax.checkpoint(partial(_compiled, program))
-    results = in_chunks(of_chunk, flat, many, -(-count // TRACED_CHUNK))
+    results = in_chunks(of_chunk, flat, many, -(-math.prod(shape) // TRACED_CHUNK))
     return jax.tree.map(lambda result: result.reshape(shape), results)
 
 
@@ -242,25 +244,6 @@ def _mapped_here(leaves) -> bool:
     return hasattr(
         reduce(jnp.add, [x[(0,) * x.ndim] if x.ndim else x for x in traced]), "batch_dim"
     )
-
-
-def _as_array(program: _Program, shared, shape, cut: bool) -> Callable:
-    """Of one impact, or of a few; a `vmap` over it computes an array of impacts instead."""
-
-    @custom_vmap
-    def mapped(*leaves):
-        return _of_traced(program, leaves, shared, shape, cut)
-
-    @mapped.def_vmap
-    def rule(axis_size, batched, *leaves):
-        wide = [
-            x.reshape(axis_size, *(1,) * (1 + len(shape) - x.ndim), *x.shape[1:]) if b else x
-            for x, b in zip(leaves, batched, strict=True)
-        ]
-        results = _of_traced(program, wide, shared, (axis_size, *shape), cut)
-        return results, jax.tree.map(lambda _: True, results)
-
-    return mapped
 
 
 def on_several_devices() -> bool:

@@ -65,10 +65,6 @@ def check(name: str, value, holds, accepted: str) -> None:
     raise ArgumentError(f"`{name}` must be {accepted}, but is {shown(value)}")
 
 
-def check_positive(name: str, value, what: str) -> None:
-    check(name, value, lambda a: a > 0, f"a positive {what}")
-
-
 def check_choice(name: str, value, choices: tuple[str, ...]) -> None:
     if not (isinstance(value, str) and value in choices):
         accepted = " or ".join(repr(choice) for choice in choices)
@@ -100,11 +96,6 @@ def _real_array(value) -> np.ndarray | None:
     is_float = np.issubdtype(array.dtype, np.floating) and array.dtype.itemsize <= 8
     is_real = is_float or np.issubdtype(array.dtype, np.integer)
     return array if is_real and not np.any(np.ma.getmaskarray(value)) else None
-
-
-def is_elsewhere(value) -> bool:
-    """Whether other processes hold parts of an array, which cannot be looked at here."""
-    return isinstance(value, jax.Array) and not is_traced(value) and not value.is_fully_addressable
 
 
 def _extremes_here(value: jax.Array) -> np.ndarray | None:

@@ -1,11 +1,12 @@
 """Materials, and the contact of two bodies: effective quantities and the scales of first yield."""
 
 import math
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from softjax.checks import ArgumentError, as_real, check_broadcast, check_positive, check_type
+from softjax.checks import ArgumentError, as_real, check, check_broadcast, check_type
 from softjax.fields import Number, check_fields, choice_field, number_field, numbers_of
 from softjax.numerics.powers import quotient
 
@@ -92,21 +93,15 @@ class Contact(eqx.Module):
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
-        check_type("material_1", material_1, Material, "a Material")
-        check_type("material_2", material_2, Material, "a Material")
-        radius_1, radius_2 = as_real(radius_1), as_real(radius_2)
-        check_positive("radius_1", radius_1, "length in m")
-        check_positive("radius_2", radius_2, "length in m")
-        radii = {"radius_1": radius_1, "radius_2": radius_2}
-        check_broadcast(radii | _named(material_1=material_1, material_2=material_2))
-        mass_1 = _sphere_mass(material_1, radius_1, "radius_1")
-        mass_2 = _sphere_mass(material_2, radius_2, "radius_2")
+        (radius_1, mass_1), (radius_2, mass_2) = _spheres(
+            {"material_1": material_1, "material_2": material_2},
+            {"radius_1": radius_1, "radius_2": radius_2},
+        )
         return cls(
-            youngs_modulus=_effective_modulus(material_1, material_2),
             radius=radius_1 * radius_2 / (radius_1 + radius_2),
             # as a ratio: the product of two small masses would underflow in float32
             mass=mass_1 / (1 + mass_1 / mass_2),
-            **_yielding_body(material_1, material_2),
+            **_of_both(material_1, material_2),
             area=area,
         )
 
@@ -119,18 +114,9 @@ class Contact(eqx.Module):
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
-        check_type("material", material, Material, "a Material")
-        check_type("wall", wall, Material, "a Material")
-        radius = as_real(radius)
-        check_positive("radius", radius, "length in m")
-        check_broadcast({"radius": radius} | _named(material=material, wall=wall))
-        return cls(
-            youngs_modulus=_effective_modulus(material, wall),
-            radius=radius,
-            mass=_sphere_mass(material, radius, "radius"),
-            **_yielding_body(material, wall),
-            area=area,
-        )
+        materials = {"material": material, "wall": wall}
+        ((radius, mass),) = _spheres(materials, {"radius": radius})
+        return cls(radius=radius, mass=mass, **_of_both(material, wall), area=area)
 
     def leaves(self) -> dict[str, Number]:
         """The five stored quantities by name."""
@@ -176,13 +162,21 @@ class Contact(eqx.Module):
         return _sqrt(speed_squared) * (strain * strain)
 
 
-def _named(**materials: Material) -> dict[str, Number]:
-    """The properties of several materials, each by `material.property`."""
-    return {
+def _spheres(materials: dict[str, Material], radii: dict[str, Number]) -> list[tuple[Any, Any]]:
+    """Radius and mass of each sphere, checked; a material without a radius is that of a wall."""
+    for name, material in materials.items():
+        check_type(name, material, Material, "a Material")
+    radii = {name: as_real(radius) for name, radius in radii.items()}
+    for name, radius in radii.items():
+        check(name, radius, lambda a: a > 0, "a positive length in m")
+    properties = {
         f"{which}.{name}": leaf
         for which, material in materials.items()
         for name, leaf in material.leaves().items()
     }
+    check_broadcast(radii | properties)
+    spheres = zip(radii.items(), materials.values(), strict=False)
+    return [(radius, _sphere_mass(material, radius, name)) for (name, radius), material in spheres]
 
 
 def _sphere_mass(material: Material, radius, name: str):
@@ -196,21 +190,20 @@ def _sphere_mass(material: Material, radius, name: str):
     return mass
 
 
-def _effective_modulus(first: Material, second: Material):
-    """E of Eq. (2): the compliances of both bodies add."""
+def _of_both(first: Material, second: Material) -> dict[str, Any]:
+    """E of Eq. (2): compliances add. Y and v_lim = √(3Y/ρ) of the body that yields; at equal Y the denser one."""
     compliance_1 = (1 - first.poisson_ratio**2) / first.youngs_modulus
     compliance_2 = (1 - second.poisson_ratio**2) / second.youngs_modulus
-    return 1 / (compliance_1 + compliance_2)
-
-
-def _yielding_body(first: Material, second: Material) -> dict:
-    """Y and v_lim = √(3Y/ρ) of the body that yields; at equal Y the denser one."""
     first_yields = first.yield_strength < second.yield_strength
     second_yields = second.yield_strength < first.yield_strength
     strength = _where(first_yields, first.yield_strength, second.yield_strength)
     denser = _where(first.density > second.density, first.density, second.density)
     density = _where(first_yields, first.density, _where(second_yields, second.density, denser))
-    return {"yield_strength": strength, "limit_velocity": _sqrt(3 * strength / density)}
+    return {
+        "youngs_modulus": 1 / (compliance_1 + compliance_2),
+        "yield_strength": strength,
+        "limit_velocity": _sqrt(3 * strength / density),
+    }
 
 
 def _sqrt(x):

@@ -85,8 +85,6 @@ def unloading_force(law: Any, overlap: Any, peak: Any) -> Numbers:
 
 def elastic_limit(law: Any) -> Any:
     """The overlap up to which unloading is Hertz's, as loading [m]."""
-    if not hasattr(law, "elastic_velocity"):
-        return jnp.asarray(law.elastic_overlap())
     energy = law.contact.mass * law.elastic_velocity() ** 2 / 2
     return (2.5 * energy / law.contact.stiffness) ** 0.4
 

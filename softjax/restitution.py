@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softjax.batching import batched
-from softjax.checks import ArgumentError, check_broadcast, is_elsewhere, is_traced, shown
+from softjax.checks import ArgumentError, check_broadcast, is_traced, shown
 from softjax.engine.impact import (
     Impact,
     check_law,
@@ -90,9 +90,8 @@ class Restitution(eqx.Module):
         """The numbers of a few impacts; of many, or of traced ones, what there is."""
         arrays = self.coefficient, self.status
         known = [isinstance(x, jax.Array | np.ndarray) and not is_traced(x) for x in arrays]
-        if not (all(known) and 0 < self.coefficient.size <= SHOWN) or any(
-            map(is_elsewhere, arrays)
-        ):
+        here = (getattr(x, "is_fully_addressable", True) for x in arrays)  # or in other processes
+        if not (all(known) and all(here) and 0 < self.coefficient.size <= SHOWN):
             return eqx.tree_pformat(self)
         values = " ".join(np.array2string(np.asarray(self.coefficient), precision=4).split())
         # each kind of status once, with how many impacts have it

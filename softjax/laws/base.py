@@ -269,10 +269,3 @@ class HardSphereLaw(ContactLaw):
     @abstractmethod
     def restitution_squared(self, velocity: Numbers) -> Numbers:
         """ε² at the impact velocity v > 0 [m/s]."""
-
-    def limit(self) -> Numbers:
-        """The velocity [m/s] from which on the law has no value but 0; infinite without one."""
-        return jnp.asarray(jnp.inf)
-
-    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Numbers, Flags]:
-        return plastic_squared, velocity >= self.limit()

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
-from softjax.fields import Number, Numbers, number_field
+from softjax.fields import Flags, Number, Numbers, number_field
 from softjax.laws.base import HardSphereLaw
 from softjax.numerics.powers import quotient
 
@@ -43,8 +43,9 @@ class EmpiricalRestitution(HardSphereLaw, final=True):
         limit = jnp.asarray(self.limit_velocity)
         return jnp.exp(-2 * loss_exponent(velocity, limit, self.sigma, self.psi))
 
-    def limit(self) -> Numbers:
-        return jnp.asarray(self.limit_velocity)
+    def total_restitution(self, plastic_squared, velocity, elastic) -> tuple[Numbers, Flags]:
+        """ε², and whether v >= v_lim."""
+        return plastic_squared, velocity >= jnp.asarray(self.limit_velocity)
 
 
 def empirical_restitution(

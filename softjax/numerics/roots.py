@@ -108,10 +108,11 @@ def third_order_root(
     return solve
 
 
-def elementwise(f: Callable) -> Callable:
+def elementwise(f: Callable, mapped: Callable | None = None) -> Callable:
     """f, of arrays element by element, which under `vmap` takes a further axis like the others.
 
     A branch or a loop that asks all elements would otherwise be computed whatever they answer.
+    Then `mapped` is called, if given, in place of the same again, which has no reverse mode.
     """
     wrapped = custom_vmap(f)
 
@@ -122,7 +123,7 @@ def elementwise(f: Callable) -> Callable:
             x.reshape(axis_size, *(1,) * (most + 1 - x.ndim), *x.shape[1:]) if b else x
             for x, b in zip(values, batched, strict=True)
         ]
-        results = wrapped(*aligned)
+        results = (mapped or wrapped)(*aligned)
         return results, jax.tree.map(lambda _: True, results)
 
     return wrapped
