@@ -21,7 +21,6 @@ class InputError(ValueError):
     """
 
     def __init__(self, file: str | Path | None, line: int | None, problem: str, accepted: str):
-        super().__init__(file, line, problem, accepted)
         self.file = None if file is None else str(file)
         self.line = line
         self.problem = problem
@@ -47,7 +46,6 @@ class DataError(ValueError):
     """
 
     def __init__(self, argument: str, value: Any, accepted: str, index: int | None = None):
-        super().__init__(argument, value, accepted, index)
         self.argument = argument
         self.value = shown(value)
         self.accepted = accepted

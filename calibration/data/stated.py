@@ -33,7 +33,7 @@ def measure(
             except DataError as error:
                 more = "" if error.argument == "quantity" else f", {error.accepted}"
                 raise ValueError(unit + more) from None
-        if not is_finite_number(value) or not (value > 0 or (from_zero and value == 0)):
+        if not is_finite_number(value) or not (value >= 0 if from_zero else value > 0):
             raise ValueError(unit)
         return stated if of_rows and isinstance(stated, str) else float(value)
 

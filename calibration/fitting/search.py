@@ -137,7 +137,7 @@ class _Search:
         self._judge(np.ones(fits, bool))
         while np.any(self.going):
             direction = method.propose(need & self.going, self.x, self.at)
-            direction = np.where(self._frozen, 0.0, direction)
+            direction = direction * ~self._frozen
             share, longest = self._limited(direction)
             direction, length = direction * share, np.where(need, longest, length)
             moved, gain = self._try(length[:, None] * direction)

@@ -40,7 +40,7 @@ def table_of(law: Any, impacts: Impacts, losses: bool = True) -> tuple[dict[str,
     if isinstance(law, sj.RateDependentLaw):
         problem = f"{type(law).__name__} depends on the rate, which no table of forces holds well"
         raise InputError(None, None, problem, "--export-law auto, or write its force in C yourself")
-    top = BEYOND * float(impacts.peak[-1])
+    top = BEYOND * float(np.max(impacts.peak))
     roots = np.linspace(0, 1, ROWS)
     peaks = top * roots[1:] ** 2
     knots = np.sqrt(top) * roots

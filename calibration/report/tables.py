@@ -108,8 +108,9 @@ def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame
     for fit in result.materials:
         for tree in fit.trees:
             text = f"{tree.size} numbers, shown by the band of the curve"
-            owner = "" if len(result.materials) == 1 and rows else fit.name
+            owner = "" if fit.name == before else fit.name
             rows.append({"material": owner, "parameter": tree.name, "value ± std. error": text})
+            before = fit.name
     return pd.DataFrame(rows).fillna("")
 
 

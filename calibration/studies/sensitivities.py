@@ -253,7 +253,7 @@ def sobol_indices(
     found = [_indices(np.full((1, samples), 1 / samples), f)]
     for begun in range(0, resamples, RESAMPLED):
         rows = range(min(RESAMPLED, resamples - begun))
-        picked = (random.integers(0, samples, samples) for _ in rows)
+        picked = (random.integers(samples, size=samples) for _ in rows)
         share = np.array([np.bincount(k, minlength=samples) for k in picked]) / samples
         found.append(_indices(share, f))
     indices = np.where(varies[:, None, None], np.concatenate(found, axis=2), np.nan)

@@ -74,7 +74,7 @@ def test_named_materials_limit_velocities_areas_and_entries_without_bodies(read_
 
 
 UNCERTAINTIES = [  # a key for all rows, the column in its place
-    ("uncertainty = 0.01", "v,e", "v,e,uncertainty", "0.01"),
+    ("uncertainty = 0.01\nvelocity_uncertainty = 0", "v,e", "v,e,uncertainty", "0.01"),
     ('velocity_uncertainty = "5 %"', "v,e", "v,e,u_v [%]", "5"),
     ("impact_velocity_uncertainty = 0.02", "v_in,v_out", "v_in,v_out,u_v_in", "0.02"),
     ('rebound_velocity_uncertainty = "2 cm/s"', "v_in,v_out", "v_in,v_out,u_v_out", "0.02"),

@@ -26,6 +26,7 @@ def test_the_errors_of_all_laws_are_those_that_were_found_elsewhere(exported):
     for key, error in MEASURED.items():
         assert errors[key] == pytest.approx(error, rel=0.06)
     assert errors["exact"] == 0
+    assert "; ".join(f"{key} {error:.2g}" for key, error in errors.items()) in str(export)
 
 
 def curve(law, velocity):

@@ -1,5 +1,6 @@
 """Every refusal names the place, what was given and what is accepted, in one line; the published schemas refuse the same."""
 
+import copy
 import json
 import os
 import tomllib
@@ -31,6 +32,7 @@ def test_a_refusal_names_place_value_and_what_is_accepted(way, name, tmp_path):
     where, words, *_ = CASES[way, name]
     error = refusal(way, name, tmp_path)
     assert isinstance(error, ValueError), "accepted"
+    assert str(copy.copy(error)) == str(error)  # as pickle makes it again
     line = str(error).replace(str(tmp_path), "FOLDER")
     assert line.replace("\n", "").isprintable()
     assert len(line) < LONGEST

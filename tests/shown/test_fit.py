@@ -183,6 +183,7 @@ def test_the_main_job_says_what_it_found(main_job):
     assert "](curves.png)" in report
     assert "](profiles.png)" not in report
     assert "noise normal, starts 32, seed 0, max steps 200" in report
+    assert "\\u" not in main_job.text("fit.json")  # names as they are written
     assert main_job.text("report.html").count("data:image/png;base64,") == 2
 
 

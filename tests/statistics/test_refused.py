@@ -115,6 +115,7 @@ REFUSED = [
     (lambda: compare(laws=[]), "one law or more"),
     (lambda: compare(DATA, ["hertz", "hertz"]), "twice Hertz"),
     (lambda: compare(DATA, ["hertz"], parameters={"zhou": {"form": "full"}}), r"parameters\['zhou'\]"),
+    *((lambda p=p: compare(DATA, ["hertz"], parameters=p), "`parameters` must be a mapping") for p in (1.0, {"hertz": 1.0})),
     (lambda: compare(DATA, ["hertz"], parameters={"hertz": {"colour": 1.0}}), "Hertz: .*colour"),
     (lambda: compare(cal.RestitutionData(V[:5], np.full(5, 0.8), DATA.contact), None), "needs 6 or more"),
     (lambda: compare([PLAIN]), "one RestitutionData"),
