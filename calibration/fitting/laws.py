@@ -31,6 +31,7 @@ from softjax.fields import NO_UNIT, Declared, declarations, options_of, shared_f
 
 CONTACT_LEAVES = declarations(sj.Contact)
 OF_CONTACT = "contact."
+SPRINGS = ("loading_stiffness", "unloading_stiffness")  # of Walton and Braun: k20 >= k1
 MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")  # what v_cr depends on
 
 
@@ -132,6 +133,10 @@ class LawModel:
                 moved[name] = np.nextafter(value, np.inf) if value else np.finfo(float).tiny
             elif value == declared.upper and not declared.with_upper:
                 moved[name] = np.nextafter(value, -np.inf)
+        if self.law_type is sj.WaltonBraun and {*SPRINGS} <= {
+            *moved
+        }:  # the search goes on below k1
+            moved[SPRINGS[1]] = max(moved[name] for name in SPRINGS)
         return moved
 
     def declared(self, name: str) -> Declared:

@@ -13,7 +13,7 @@ from scipy import special
 import softjax as sj
 from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.errors import Errors
-from calibration.fitting.laws import OF_CONTACT
+from calibration.fitting.laws import OF_CONTACT, SPRINGS
 from calibration.fitting.methods import TINY, Condensed, condense
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import Lanes, Problem
@@ -414,7 +414,13 @@ class ComponentFit:
         transform = self.final.problem.transform
         theta, limits = transform.physical(self.z), self.uncertainty.limits
         bound = transform.bound_beyond(limits)
-        return np.where((limits != 0) & np.isfinite(bound), bound, theta)
+        theta = np.where((limits != 0) & np.isfinite(bound), bound, theta)
+        for g, spec in enumerate(self.component.specs):
+            places = self.component.places(g)
+            if spec.model.law_type is sj.WaltonBraun and {*SPRINGS} <= {*places}:
+                first, second = (places[name] for name in SPRINGS)
+                theta[second] = max(theta[first], theta[second])
+        return theta
 
     @property
     def slope(self) -> np.ndarray:

@@ -31,7 +31,7 @@ class WaltonBraun(RateIndependentLaw, final=True):
         contact: the two bodies; only their mass enters (the radius is the unit of length).
         loading_stiffness: k1 > 0 [N/m].
         unloading_stiffness: k20 >= k1 [N/m], k2 of the softest impact. Where tracing hides the
-            values, k2 < k1 is computed as it stands and the status says `ENERGY_GAIN`.
+            values, k2 < k1 is computed as k2 = k1 and the status says `NO_RESIDUAL_OVERLAP`.
         growth: s >= 0 [1/m]; 0 (default) keeps k2, and with it ε, constant.
 
     Source: Walton and Braun, J. Rheol. 30, 949 (1986), where s is a pure number S because forces
@@ -102,7 +102,7 @@ class ReducedWaltonBraun(ReducedClosedForm):
         return 0.8 * (peak - self._stiffening(peak) * recovered)
 
     def releases(self, peak: Numbers) -> Flags:
-        return self._stiffening(peak) >= 1
+        return self.ratio + self.growth * peak >= 1
 
     def residual(self, peak: Numbers) -> Numbers:
         return jnp.maximum(peak - self.recovered(peak), 0.0)
@@ -116,9 +116,10 @@ class ReducedWaltonBraun(ReducedClosedForm):
         return self.residual(peak), recovered, work
 
     def _stiffening(self, peak: Numbers) -> Numbers:
-        """K = k2/k1."""
-        return self.ratio + self.growth * peak
+        """K = k2/k1, 1 at least."""
+        stiffening = self.ratio + self.growth * peak
+        return jnp.where(stiffening >= 1, stiffening, 1.0)
 
     def recovered(self, peak: Numbers) -> Numbers:
-        """x_m - x*: all of x_m where the unloading spring is the softer one."""
-        return peak / jnp.maximum(self._stiffening(peak), 1.0)
+        """x_m - x*."""
+        return peak / self._stiffening(peak)

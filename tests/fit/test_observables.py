@@ -46,16 +46,17 @@ def result(data):
     return cal.fit(data, "walton-braun", SPRINGS, **QUICK)
 
 
+def power_law(v, value):
+    return np.exp(np.polyval(np.polyfit(np.log(v), np.log(value), 1), np.log(v)))
+
+
 def dense(data, first, second, noise, of_times):
     """ln p in SI of the three, by SciPy."""
     times, forces = data.observed
     eps, time, force = shown(first, second)
     found = stats.norm.logpdf(data.restitution, eps, noise).sum()
     # relative errors are parts of power laws through the values
-    of_t, of_f = (
-        np.exp(np.polyval(np.polyfit(np.log(v), np.log(one.value), 1), np.log(v)))
-        for v, one in ((V, times), (V[5:], forces))
-    )
+    of_t, of_f = power_law(V, times.value), power_law(V[5:], forces.value)
     found += stats.norm.logpdf(times.value, time, of_times * of_t).sum()
     return found + stats.norm.logpdf(forces.value, force[5:], U * of_f).sum()
 
@@ -83,6 +84,27 @@ def test_times_and_forces_are_rows_of_the_likelihood(data, result):
     alone = cal.RestitutionData(V, data.restitution, PAIR)
     fixed = cal.fit(alone, "walton-braun", SPRINGS, **QUICK)
     assert fixed.covariance_names == NAMES[1:]
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.6])
+def test_without_restitutions_the_unloading_spring_is_not_the_softer_one(ratio):
+    """As SciPy finds them within k20 >= k1: a softer spring that the overlap releases has the same contact times."""
+    random, (_, *exact) = np.random.default_rng(1), shown(FIRST, ratio * FIRST)
+    measured = [x * (1 + U * random.standard_normal(20)) for x in exact]
+    names = ("contact_time", "peak_force")
+    values = dict(zip(names, measured, strict=True))
+    errors = {f"{name}_uncertainty": U * value for name, value in values.items()}
+    data = cal.RestitutionData(V, contact=PAIR, **values, **errors)
+
+    def off(x):
+        pairs = zip(shown(x[0] * FIRST, x[0] * x[1] * FIRST)[1:], measured, strict=True)
+        return np.concatenate([(one - value) / power_law(V, value) for one, value in pairs])
+
+    best = optimize.least_squares(off, (1.1, 1.2), bounds=([0, 1], np.inf), xtol=1e-12).x
+    result = cal.fit(data, "walton-braun", SPRINGS, **QUICK)
+    found = [result.values[name] for name in NAMES]
+    np.testing.assert_allclose(found, FIRST * best[0] * np.array([1, best[1]]), rtol=1e-4)
+    assert [getattr(result.law, name) for name in NAMES] == found
 
 
 def test_table_problem_and_leave_one_out_are_of_the_same_density(data, result):
