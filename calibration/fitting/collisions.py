@@ -156,23 +156,29 @@ class Laws:
         acts = np.split(np.any(slopes != 0, axis=(0, 1, 3)), np.cumsum(sizes)[:-1])
         return replace(laws, moving=tuple(k for k, part in enumerate(acts) if np.any(part)))
 
-    def leaves(self, theta: Float[np.ndarray, "fits p"]):
+    def leaves(self, theta: Float[np.ndarray, "fits p"], contact=None, fixed=None):
         """Leaves of the laws, a list of (fits, rows, ...), and their slopes in the free local parameters.
 
         These are of the moving numbers, (fits, rows, a, free); None where a moving leaf is a parameter.
+
+        Args:
+            contact, fixed: leaves of the contacts, (fits, rows) each, and what is fixed, (fits, q, rows),
+                where fits differ in them.
         """
         padded = np.concatenate([theta, np.zeros((len(theta), 1))], axis=1)
         at_element = np.moveaxis(padded[:, self.element], 1, 0)
-        local = np.where(self.element[:, None] >= 0, at_element, self.fixed[:, None])
+        fixed = self.fixed[:, None] if fixed is None else np.moveaxis(fixed, 1, 0)
+        local = np.where(self.element[:, None] >= 0, at_element, fixed)
         fits, count = local.shape[1:]
-        contact = self.contact or {}
+        contact = contact or self.contact or {}
         if self.direct:
             size = local.shape[1:]
             inputs = {OF_CONTACT + n: np.broadcast_to(x, size) for n, x in contact.items()}
             inputs |= dict(zip(self.names, local, strict=True))
             return [inputs[name] for name in self.shape.names], None
         flat = {name: _padded(np.ravel(x)) for name, x in zip(self.names, local, strict=True)}
-        tiled = {name: _padded(np.tile(leaf, fits)) for name, leaf in contact.items()}
+        every = {name: np.broadcast_to(leaf, (fits, count)) for name, leaf in contact.items()}
+        tiled = {name: _padded(leaf.ravel()) for name, leaf in every.items()}
         free = tuple(self.names[k] for k in self.free)
         values, slopes = _build(tiled or None, flat, self.model, self.area, free)
         apart = lambda a: np.asarray(a)[: fits * count].reshape(fits, count, *a.shape[1:])  # noqa: E731

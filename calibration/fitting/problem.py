@@ -132,6 +132,11 @@ class Lanes(NamedTuple):
     centre: Z | None = None
     lower: Z | None = None  # as `Problem.within`
     upper: Z | None = None
+    # of fits of different data: whose each is, and as in `Points`, and for `Laws.leaves`
+    of: Int[np.ndarray, "fits"] | None = None
+    velocity: Float[np.ndarray, "fits points"] | None = None
+    contact: Mapping[str, np.ndarray] | None = None
+    fixed: Float[np.ndarray, "fits q rows"] | None = None
 
     def some(self, which) -> "Lanes":
         """Select fits."""
@@ -232,8 +237,9 @@ class Problem:
     inside: Any = 0.0
     # z₀ and c of a term c · (z - z₀) of the cost, along the active elements
     pull: tuple[np.ndarray, np.ndarray] | None = None
-    # how many Jacobians were computed, of this and of all problems that are made of it
-    evaluated: list[int] = field(default_factory=lambda: [0])
+    # how many Jacobians were computed, of this and of all problems that are made of it; of each of
+    # those side by side
+    evaluated: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
 
     @property
     def with_prior(self) -> list[int]:
@@ -354,6 +360,20 @@ class Problem:
         )
 
     @property
+    def kind(self) -> Any:
+        """What problems of single data sets share that can be searched side by side; None where this cannot."""
+        laws, held = self.laws, (self.pull, self.elastic, self.within, self.drag)
+        more = (self.pools, self.with_prior, np.any(self.inside), np.any(self.points.observable))
+        is_simple = (
+            len(self.errors) == laws.size == 1 and self.errors[0].is_normal and self.is_fixed
+        )
+        if not is_simple or any(a is not None for a in held) or any(more) or any(laws.shape.shared):
+            return None
+        arrays = (laws.element, self.active, *self.transform)
+        of_laws = (laws.model, laws.shape, laws.names, laws.moving, laws.free, laws.area)
+        return *of_laws, self.route, *(a.tobytes() for a in arrays)
+
+    @property
     def more(self) -> int:
         """Rows that stand for what V adds."""
         return 2 * self.count if self.moves else 0
@@ -383,6 +403,32 @@ class Problem:
         ]
         return np.array(limits)[:, back].reshape(*np.shape(z)[:-1], len(back))
 
+    @staticmethod
+    def side_by_side(problems: "Sequence[Problem]") -> "tuple[Problem, Lanes]":
+        """Problems of one kind as one, and a lane of each, whose points weigh by their variances."""
+        if len(problems) == 1:
+            return problems[0], Lanes()
+        longest = max(problems, key=lambda problem: problem.count)
+        missing = [longest.count - problem.count for problem in problems]
+
+        def filled(columns, by: Any = "edge") -> np.ndarray:
+            pairs = zip(columns, missing, strict=True)
+            return np.array([np.pad(column, (0, more), by) for column, more in pairs])
+
+        variances = [problem.errors[0].diagonal(problem.variances[0]) for problem in problems]
+        weights = [p.points.copies / v for p, v in zip(problems, variances, strict=True)]
+        contacts = [p.laws.contact or {} for p in problems]
+        lanes = Lanes(
+            of=np.arange(len(problems)),
+            value=filled([p.points.value for p in problems]),
+            copies=filled(weights, "constant"),
+            velocity=filled([p.points.velocity for p in problems]),
+            contact={n: np.array([c[n] for c in contacts]) for n in contacts[0]} or None,
+            fixed=np.array([p.laws.fixed for p in problems]),
+        )
+        alike, count = (Errors.known(longest.points.velocity, 1.0),), np.zeros(len(problems), int)
+        return replace(longest, errors=alike, variances=({},), evaluated=count), lanes
+
     def law_of(self, theta: Float[np.ndarray, "elements"], g: int) -> sj.ContactLaw:
         """The law of a data set; of its first impact where it has several."""
         return self.laws.law(theta, int(self.laws.row[np.flatnonzero(self.points.set == g)[0]]))
@@ -404,7 +450,7 @@ class Problem:
     def _linearised(self, z: Z, lanes: Lanes, slopes: bool) -> Linear:
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
         active = self.active if slopes else self.active[:0]
-        self.evaluated[0] += slopes * len(z)
+        np.add.at(self.evaluated, np.zeros(len(z), int) if lanes.of is None else lanes.of, slopes)
         curve, per, status = self._curve(theta, per_z, active, lanes)
         off = curve.mean - self._measured(lanes)
         copies = np.broadcast_to(
@@ -507,7 +553,7 @@ class Problem:
 
     def _predicted(self, theta, lanes: Lanes):
         """The value at each fit and point, its slopes in the local parameters, and the status."""
-        leaves, of_leaves = self.laws.leaves(theta)
+        leaves, of_leaves = self.laws.leaves(theta, lanes.contact, lanes.fixed)
         value = np.empty((len(theta), self.count))
         status, slopes = np.empty(value.shape, int), None
         for code in np.unique(self.points.observable):
@@ -528,7 +574,8 @@ class Problem:
             fixed = laws.shape.shared[k] and k not in laws.moving
             values = leaf[0, 0] if fixed else leaf[:, row].reshape(-1, *leaf.shape[2:])
             flat.append(np.asarray(values, float))
-        velocity = np.tile(self.points.velocity[at], fits)
+        velocity = self.points.velocity if lanes.velocity is None else lanes.velocity
+        velocity = np.broadcast_to(velocity, (fits, self.count))[:, at].ravel()
         elastic = self.elastic if lanes.elastic is None else lanes.elastic
         is_eps = name == RESTITUTION
         if elastic is not None and is_eps:

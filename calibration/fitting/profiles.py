@@ -1,11 +1,11 @@
 """Profile likelihoods, and the values, standard errors and intervals of what was searched.
 
 A profile is how far one parameter can go while the others make up for it. All walks, two for each
-parameter, go side by side: each stride is one batch of refits."""
+parameter of all fits of one kind, go side by side: each stride is one batch of refits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -75,29 +75,42 @@ class ProfileTask(NamedTuple):
 
 
 class _Walks:
-    """√Δχ² of refits along the walks of one fit, in lockstep.
+    """√Δχ² of refits along the walks of fits of one kind, in lockstep.
 
-    Of each walk: along which of the active elements (`columns`) and which way (`signs`) in z it is,
-    about one standard error (`steps`), and √Δχ² at the limit (`quantile`).
+    Of each walk: of which task it is (`of`), along which of the active elements (`columns`) and which
+    way (`signs`) in z, about one standard error (`steps`), and √Δχ² at the limit (`quantile`).
     """
 
-    def __init__(self, task: ProfileTask):
-        self.task, self.problem = task, task.problem
-        problem, z = task.problem, task.z
-        walks = [(k, sign) for k, end in enumerate(task.limits) for sign in (-1, 1) if sign != end]
-        which, self.signs = np.transpose(walks)
-        self.columns, self.steps = task.columns[which], task.errors[which]
-        self.quantile, from_end = task.quantiles[which], task.limits[which] != 0
-        count = len(walks)
-        self.z = np.tile(z, (count, 1))
+    def __init__(self, tasks: Sequence[ProfileTask]):
+        self.problem, lanes = Problem.side_by_side([task.problem for task in tasks])
+        problem, z = self.problem, np.array([task.z for task in tasks])
+        walks = [
+            (t, k, sign)
+            for t, task in enumerate(tasks)
+            for k, end in enumerate(task.limits)
+            for sign in (-1, 1)
+            if sign != end
+        ]
+        self.of, _, self.signs = np.transpose(walks)
+        self.columns, self.steps, self.quantile, limits = (
+            np.array([getattr(tasks[t], name)[k] for t, k, _ in walks])
+            for name in ("columns", "errors", "quantiles", "limits")
+        )
+        self.begun, self.variance = (
+            np.array([getattr(task, name) for task in tasks])[self.of]
+            for name in ("begun", "variance")
+        )
+        self.lanes, self.z, from_end = lanes.some(self.of), z[self.of], limits != 0
         self.positions = problem.active[self.columns]
         self.fixed = self.columns[:, None] == np.arange(len(problem.active))
         kind = problem.transform.kind[self.positions]
         self.scaled = kind != NONE
-        self.centre = z[self.positions]
-        at_z = float(problem.linearise(z[None], slopes=False).cost[0])
-        self.lowest = 2 * at_z if task.lowest is None else task.lowest
-        self.begin = float(self._rise(np.array([at_z]))[0])
+        self.centre = self.z[np.arange(len(walks)), self.positions]
+        at_z = problem.linearise(z, lanes, slopes=False).cost
+        pairs = zip(tasks, at_z, strict=True)
+        lowest = [2 * at if task.lowest is None else task.lowest for task, at in pairs]
+        self.lowest = np.array(lowest)[self.of]
+        self.begin = self._rise(at_z[self.of], np.arange(len(walks)))
         self.edge = self._edges()
         reach = np.where(from_end, FURTHEST + FARTHEST, FARTHEST)
         # a search that began at an end is farther off: the middle of two bounds is z = 0
@@ -122,7 +135,7 @@ class _Walks:
                 walk is; None: the limit.
         """
         minima = self._search(self._foreseen(at, which), which)
-        z, rise = minima.z, self._rise(minima.cost)
+        z, rise = minima.z, self._rise(minima.cost, which)
         most = self.quantile[which] if doubted is None else doubted
         poor = np.flatnonzero(~minima.converged | (rise > most))
         if len(poor):
@@ -131,28 +144,29 @@ class _Walks:
             again = self._search(plain, which[poor])
             lower = again.cost < minima.cost[poor]
             z[poor[lower]] = again.z[lower]
-            rise[poor[lower]] = self._rise(again.cost)[lower]
+            rise[poor[lower]] = self._rise(again.cost, which[poor])[lower]
         return z, rise, minima.iterations
 
-    def _rise(self, cost: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+    def _rise(self, cost: Float[np.ndarray, "some"], which) -> Float[np.ndarray, "some"]:
         """√Δχ²."""
-        rise = np.sqrt(np.maximum(2 * cost - self.lowest, 0.0) / self.task.variance)
+        rise = np.sqrt(np.maximum(2 * cost - self.lowest[which], 0.0) / self.variance[which])
         return np.where(np.isfinite(rise), rise, 1e6)
 
     def _search(self, start, which):
         """The others searched, from some start."""
-        keywords = {"begun": self.task.begun, "fixed": self.fixed[which], "limit": STEPS}
-        return search(self.problem, start, **keywords, enough=ENOUGH * self.task.variance)
+        keywords = {"begun": self.begun[which], "fixed": self.fixed[which], "limit": STEPS}
+        keywords |= {"lanes": self.lanes.some(which), "enough": ENOUGH * self.variance[which]}
+        return search(self.problem, start, **keywords)
 
     def _foreseen(self, at, which) -> np.ndarray:
         """First-order change of the other parameters when the profiled ones move."""
         z = self.z[which]
         rows = np.arange(len(which))
         move = at - z[rows, self.positions[which]]
-        linear = self.problem.linearise(z)
+        linear = self.problem.linearise(z, self.lanes.some(which))
         # the column that moves stands in for the residual: its answer is the others' least squares
         moving = linear.jacobian[rows, :, self.columns[which]]
-        begun = np.where(np.isnan(self.task.begun), z, self.task.begun)
+        begun = np.where(np.isnan(self.begun[which]), z, self.begun[which])
         at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
         answer = condense(moving, linear.jacobian, self.fixed[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
@@ -162,7 +176,7 @@ class _Walks:
         z[rows, self.positions[which]] = at
         return z
 
-    def run(self) -> Float[np.ndarray, "walks"]:
+    def run(self, tell: Callable[[int], None]) -> Float[np.ndarray, "walks"]:
         """Value where each walk crosses the quantile, NaN if it does not; `way` is the path.
 
         By strides until one is beyond, then between the two by the Illinois method.
@@ -174,6 +188,7 @@ class _Walks:
         crossing, going = np.full(count, np.nan), np.ones(count, bool)
         for _ in range(MOST_STRIDES):
             k = np.flatnonzero(going)
+            tell(len(set(self.of) - set(self.of[k])))
             if not len(k):
                 break
             left = self.reach[k] - np.abs(low[k] - self.centre[k])
@@ -213,16 +228,21 @@ class _Walks:
             self.way[k].append((float(place), float(value)))
 
 
-def profiles(task: ProfileTask) -> dict[str, Profile]:
-    """Profiles of some elements of a fit, by their labels."""
-    if not len(task.columns):
-        return {}
-    state = _Walks(task)
-    crossing, elements = state.run(), task.problem.elements
-    return {
-        elements[task.problem.active[column]].label: _profile(state, column, int(limit), crossing)
-        for column, limit in zip(task.columns, task.limits, strict=True)
-    }
+def profiles(
+    tasks: Sequence[ProfileTask], tell: Callable[[int], None] = lambda done: None
+) -> list[dict[str, Profile]]:
+    """Profiles of some elements of fits of one kind, by their labels; `tell` hears how many are done."""
+    state = _Walks(tasks)
+    crossing = state.run(tell)
+    return [
+        {
+            label: _profile(state, np.flatnonzero(members), label, int(limit), crossing)
+            for column, limit in zip(task.columns, task.limits, strict=True)
+            for members in [(state.of == t) & (state.columns == column)]
+            for label in [task.problem.elements[task.problem.active[column]].label]
+        }
+        for t, task in enumerate(tasks)
+    ]
 
 
 def joined(curves: Sequence[Profile]) -> Profile:
@@ -245,14 +265,13 @@ def joined(curves: Sequence[Profile]) -> Profile:
     )
 
 
-def _profile(state: _Walks, column: int, limit: int, crossing) -> Profile:
+def _profile(state: _Walks, members, label: str, limit: int, crossing) -> Profile:
     """Both sides of the profile of one parameter, in physical units."""
-    members = np.flatnonzero(state.columns == column)
     first = int(members[0])
     position = int(state.positions[first])
     transform = state.problem.transform.part(np.array([position]))
     physical = lambda z: float(transform.physical(np.array([z]))[0])  # noqa: E731
-    begin = (float(state.centre[first]), state.begin)
+    begin = (float(state.centre[first]), float(state.begin[first]))
     way = sorted([begin, *(point for k in members for point in state.way[k])])
     ends: dict[int, float | None] = {-1: None, 1: None}
     at = np.where(np.isfinite(crossing), crossing, state.edge)
@@ -263,8 +282,7 @@ def _profile(state: _Walks, column: int, limit: int, crossing) -> Profile:
         bound = float(transform.bound_beyond(np.array([limit]))[0])
         ends[limit] = bound if np.isfinite(bound) else None
     values, rises = tuple(physical(at) for at, _ in way), tuple(rise**2 for _, rise in way)
-    label, threshold = state.problem.elements[position].label, float(state.quantile[first]) ** 2
-    return Profile(label, values, rises, ends[-1], ends[1], threshold)
+    return Profile(label, values, rises, ends[-1], ends[1], float(state.quantile[first]) ** 2)
 
 
 LEAST_ERROR = 1e-12  # of data without noise: the interval is a point
@@ -279,14 +297,23 @@ def profiles_of(
 
     χ̃ of `two-step` has none. `tell` hears how many fits are done.
     """
-    curves: list[dict[str, Profile]] = []
-    for fit in fits:
-        tell(len(curves))
-        task, branches = _requested(fit, confidence), fit.stages[0].branches
-        if task is None:
-            curves.append({})
+    curves: list[dict[str, Profile]] = [{} for _ in fits]
+    alike: dict[Any, list[tuple[int, ProfileTask]]] = {}
+    for k, fit in enumerate(fits):
+        if (task := _requested(fit, confidence)) is not None:
+            kind = task.problem.kind
+            alike.setdefault(k if kind is None else kind, []).append((k, task))
+    done = 0
+    for members in alike.values():
+        places, tasks = zip(*members, strict=True)
+        heard = lambda count, done=done: tell(done + count)  # noqa: E731
+        if fits[places[0]].stages[0].branches is None:
+            tables = profiles(tasks, heard)
         else:
-            curves.append(profiles(task) if branches is None else _of_branches(fit, task))
+            tables = [_of_branches(fits[places[0]], tasks[0])]
+        done += len(places)
+        for k, table in zip(places, tables, strict=True):
+            curves[k] = table
     return curves
 
 
@@ -296,14 +323,14 @@ def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
     assert branches is not None
     cost = float(stage.ends.cost[0])
     near = np.max(task.quantiles, initial=0.0) ** 2 * task.variance
-    tables = [profiles(task._replace(lowest=2 * cost))]
+    tables = profiles([task._replace(lowest=2 * cost)])
     is_starting_branch = np.all(branches.elastic == stage.problem.elastic, axis=1)
     for k in np.flatnonzero(~is_starting_branch & (2 * (branches.cost - cost) < near)):
         limits = branches.limits[k][task.columns]
         errors = np.where(limits != 0, FROM_END, task.errors)
         problem = branches.problem(stage.problem, int(k))
         changed = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
-        tables.append(profiles(task._replace(**changed, lowest=2 * cost)))
+        tables += profiles([task._replace(**changed, lowest=2 * cost)])
     return {label: joined([curves[label] for curves in tables]) for label in tables[0]}
 
 
@@ -327,6 +354,8 @@ def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
     columns = np.flatnonzero(profiled)
     degrees = np.where(limits != 0, _left(fit), known.degrees[problem.active])[columns]
     reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[problem.active[columns]]
+    if not len(columns):
+        return None
     few = condensed(problem, fit.z)
     return ProfileTask(
         few, fit.z, fit.begun, variance, columns, errors[columns], limits[columns], reach

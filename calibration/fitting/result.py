@@ -26,13 +26,12 @@ from calibration.fitting.line import Line, fit_line
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
-from calibration.fitting.request import Request, assemble, datasets_of
+from calibration.fitting.request import Request, datasets_of
 from calibration.fitting.search import OPTIMISERS
 from calibration.fitting.stages import (
     ComponentFit,
     Likelihood,
     Stage,
-    fit_component,
     fitted,
     likelihood_of,
 )
@@ -451,13 +450,10 @@ def fit(
 
 
 def _fitted(request: Request, tell: Progress) -> FitResult:
-    options, components = request.options, assemble(request)
-    fits: list[ComponentFit] = []
-    for component in components:
-        tell("fit", len(fits), len(components))
-        fits.append(fit_component(component, options))
-    tell("fit", len(fits), len(fits))
+    options, begun = request.options, time.perf_counter()
+    fits = fitted(request, lambda done, count: tell("fit", done, count))
     line = fit_line(request, fits)
+    seconds = time.perf_counter() - begun
     curves: list[dict[str, Profile]] = [{} for _ in fits]
     if options.profiles:
         done = lambda count: tell("profiles", count, len(fits))  # noqa: E731
@@ -498,7 +494,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         freedoms=tuple(f.uncertainty.freedom.physical(f.slope, f.uncertainty.whole) for f in fits),
         settings=_settings(request, fits),
         versions={name: _version(name) for name in PACKAGES},
-        times={"searches": sum(stage.seconds for stage in stages)},
+        times={"searches": seconds},
         pooled=pooled,
         fits=tuple(fits),
     )

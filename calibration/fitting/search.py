@@ -368,16 +368,21 @@ def guided_search(
     """
     lanes = lanes or Lanes()
     guided = search(replace(problem, guided=True), z, optimiser, lanes=lanes, limit=limit)
-    twice = lanes.some(np.tile(np.arange(len(z)), 2))
     places = np.concatenate([guided.z, z])
-    least = np.min(problem.linearise(places, twice, slopes=False).prediction, initial=1.0)
-    if least > TINY_SQUARED**0.5:
+    twice = lanes.some(np.tile(np.arange(len(z)), 2))
+    least = np.min(problem.linearise(places, twice, slopes=False).prediction, axis=1, initial=1.0)
+    some = np.flatnonzero(np.min(least.reshape(2, -1), axis=0) <= TINY_SQUARED**0.5)
+    if not len(some):
         return guided
     # √ bends sharply where a point hardly rebounds: damped steps find their way there
-    begun = np.concatenate([guided.begun, z])
-    again = search(problem, places, begun=begun, lanes=twice, limit=3 * limit)
-    lower = again.cost[: len(z)] <= again.cost[len(z) :]
-    return again.some(np.where(lower, 0, len(z)) + np.arange(len(z)))
+    begun, beside = np.concatenate([guided.begun[some], z[some]]), lanes.some(np.tile(some, 2))
+    places = np.concatenate([guided.z[some], z[some]])
+    again = search(problem, places, begun=begun, lanes=beside, limit=3 * limit)
+    lower = again.cost[: len(some)] <= again.cost[len(some) :]
+    lowest = again.some(np.where(lower, 0, len(some)) + np.arange(len(some)))
+    for part, new in zip(guided, lowest, strict=True):
+        part[some] = new
+    return guided
 
 
 def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The stages of one component: starts, searches, and what settles only with where they end."""
 
 import math
-import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT, SPRINGS
 from calibration.fitting.methods import TINY, Condensed, condense
-from calibration.fitting.neighbourhoods import condensed
+from calibration.fitting.neighbourhoods import MANY, condensed
 from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.request import Component, Request, assemble
 from calibration.fitting.search import (
@@ -147,7 +147,6 @@ class StageFit:
     ends: Ends  # the search that ended there, of one fit
     others: tuple[Ends, ...]  # where the other starts ended
     report: Stage  # what it took
-    seconds: float  # how long
     # where ε jumps at yield, the lowest cost for each choice of elastic points
     branches: Branches | None
     alone: bool  # whether one search alone of many ended so low, and misses the points
@@ -158,12 +157,18 @@ class StageFit:
         return self.ends.limits[0]
 
 
-def run_stage(name: str, problem: Problem, z: np.ndarray, options: FitOptions) -> StageFit:
-    """Minimise from the best starts, and settle what depends on where that is."""
-    begun, evaluated = time.perf_counter(), problem.evaluated[0]
+def run_stage(
+    name: str, problem: Problem, z: np.ndarray, options: FitOptions, ends: list[Ends] | None = None
+) -> StageFit:
+    """Minimise from the best starts, and settle what depends on where that is.
+
+    Args:
+        ends: of the searches from these starts, where they were made already.
+    """
+    evaluated = 0 if ends else problem.evaluated[0]
     problem = first_variances(problem, z)
     unsettled = needs_variances(problem)
-    ends, branches, alone = _searched(problem, z, options)
+    ends, branches, alone = _searched(problem, z, options, ends)
     problem, best, others = held_at(problem, ends[0].z[0]), ends[0], ends[1:]
     if unsettled:
         problem, best, *others = _lowest(problem, _minima(ends), options)
@@ -190,7 +195,7 @@ def run_stage(name: str, problem: Problem, z: np.ndarray, options: FitOptions) -
         materials=tuple(data.name for data in problem.datasets),
         optimiser=OPTIMISERS[options.optimiser],
         route="closed form" if issubclass(law, sj.HardSphereLaw) else route.name,
-        evaluations=problem.evaluated[0] - evaluated,
+        evaluations=int(problem.evaluated[0] - evaluated),
         iterations=int(best.iterations[0]),
         gradient_norm=norm if np.isfinite(norm) else None,
         cost=float(best.cost[0]),
@@ -206,29 +211,29 @@ def run_stage(name: str, problem: Problem, z: np.ndarray, options: FitOptions) -
         best,
         tuple(others),
         report,
-        seconds=time.perf_counter() - begun,
         branches=branches,
         alone=alone,
     )
 
 
-def _searched(problem: Problem, z, options: FitOptions):
+def _searched(problem: Problem, z, options: FitOptions, ends: list[Ends] | None):
     """Ends of searches from the best of the starts, the best first, and branches where ε jumps at yield.
 
     Also whether one search alone of many ended so low, and misses the points.
     """
-    few = condensed(problem)
-    starts = screened(few, z, options.starts, options.seed, REFINED)
-    if problem.moves and len(problem.active):
-        # far from the points a steep curve would explain them by errors of velocities
-        pairs = zip(few.errors, few.variances, strict=True)
-        level = _weighing(few, [errors.diagonal(s) for errors, s in pairs])
-        ends = _from_starts(level, starts, QUICKEST)
-        around = ends[0].some([0, 0])._replace(z=along_valley(level, ends[0].z))
-        starts = np.concatenate([_as_starts(level, end) for end in (*ends, around)])
-    if problem.elastic is not None:
-        return *_along_branches(problem, np.unique([z, *starts], axis=0), options), False
-    ends, alone = _from_starts(few, starts, options.optimiser, options.max_steps), False
+    few, alone = condensed(problem), False
+    if ends is None:
+        starts = screened(few, z, options.starts, options.seed, REFINED)
+        if problem.moves and len(problem.active):
+            # far from the points a steep curve would explain them by errors of velocities
+            pairs = zip(few.errors, few.variances, strict=True)
+            level = _weighing(few, [errors.diagonal(s) for errors, s in pairs])
+            ends = _from_starts(level, starts, QUICKEST)
+            around = ends[0].some([0, 0])._replace(z=along_valley(level, ends[0].z))
+            starts = np.concatenate([_as_starts(level, end) for end in (*ends, around)])
+        if problem.elastic is not None:
+            return *_along_branches(problem, np.unique([z, *starts], axis=0), options), False
+        ends = _from_starts(few, starts, options.optimiser, options.max_steps)
     if options.starts >= FEWEST:
         ends, alone = _from_more_starts(few, z, ends, options)
     if few is not problem:
@@ -269,8 +274,12 @@ def _as_starts(problem: Problem, end: Ends) -> Places:
 
 def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) -> list[Ends]:
     """Ends of searches from each start, as one batch, the best first."""
-    batch = guided_search(problem, starts, optimiser, limit=limit)
-    return sorted((batch.some(slice(k, k + 1)) for k in range(len(starts))), key=_rank)
+    return _in_order(guided_search(problem, starts, optimiser, limit=limit))
+
+
+def _in_order(ends: Ends) -> list[Ends]:
+    """Searches side by side one by one, the best first."""
+    return sorted((ends.some(slice(k, k + 1)) for k in range(len(ends.z))), key=_rank)
 
 
 def _of_all(problem: Problem, end: Ends, options: FitOptions) -> Ends:
@@ -451,19 +460,61 @@ class ComponentFit:
         return all(bool(stage.ends.converged[0]) for stage in self.stages)
 
 
-def fitted(request: Request) -> list[ComponentFit]:
-    """All components, one after the other."""
-    return [fit_component(component, request.options) for component in assemble(request)]
+TOGETHER = 32  # components that begin side by side
 
 
-def fit_component(component: Component, options: FitOptions) -> ComponentFit:
-    """Run the stages, each from where the one before it ended."""
+def fitted(request: Request, tell: Callable[..., None] = lambda *_: None) -> list[ComponentFit]:
+    """All components; `tell` hears how many are done, of how many."""
+    components, fits = assemble(request), dict[int, ComponentFit]()
+    alike: dict[Any, list[int]] = {}
+    for i, component in enumerate(components):
+        problem = component.stages[0][1]
+        kind = problem.kind if problem.count < MANY else None
+        alike.setdefault(i if kind is None else kind, []).append(i)
+    for members in alike.values():
+        for k in range(0, len(members), TOGETHER):
+            tell(len(fits), len(components))
+            some = members[k : k + TOGETHER]
+            every = _first_ends([components[i] for i in some], request.options)
+            for i, ends in zip(some, every, strict=True):
+                tell(len(fits), len(components))
+                fits[i] = fit_component(components[i], request.options, ends)
+    tell(len(fits), len(components))
+    return [fits[i] for i in range(len(components))]
+
+
+def _first_ends(components: list[Component], options: FitOptions) -> list[list[Ends] | None]:
+    """Ends of the searches from each one's first starts, made side by side; None for one alone."""
+    if len(components) == 1:
+        return [None]
+    problems = [
+        first_variances(component.stages[0][1], component.start) for component in components
+    ]
+    starts = [
+        screened(problem, component.start, options.starts, options.seed, REFINED)
+        for problem, component in zip(problems, components, strict=True)
+    ]
+    problem, lanes = Problem.side_by_side(problems)
+    of = np.repeat(np.arange(len(problems)), list(map(len, starts)))
+    places, beside, limit = np.concatenate(starts), lanes.some(of), options.max_steps
+    batch = guided_search(problem, places, options.optimiser, lanes=beside, limit=limit)
+    for own, count in zip(problems, problem.evaluated, strict=True):
+        own.evaluated[0] += count
+    return [_in_order(batch.some(of == k)) for k in range(len(problems))]
+
+
+def fit_component(
+    component: Component, options: FitOptions, ends: list[Ends] | None = None
+) -> ComponentFit:
+    """Run the stages, each from where the one before it ended; `ends` as of `run_stage`."""
     z, fits = component.start, list[StageFit]()
     for name, problem in component.stages:
-        fits.append(run_stage(name, _after(fits[0], problem) if fits else problem, z, options))
+        if fits:
+            problem, ends = _after(fits[0], problem), None
+        fits.append(run_stage(name, problem, z, options, ends))
         z = fits[-1].z
-    ends = [(stage.problem, stage.limits) for stage in fits]
-    return ComponentFit(component, tuple(fits), z, uncertainty_of(ends, z))
+    ends_of = [(stage.problem, stage.limits) for stage in fits]
+    return ComponentFit(component, tuple(fits), z, uncertainty_of(ends_of, z))
 
 
 def _after(first: StageFit, problem: Problem) -> Problem:

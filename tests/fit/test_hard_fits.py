@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 import calibration as cal
 import softjax as sj
 from tests import fit_oracle
+from tests.cases import fitted
 from tests.decay import Decay
 from tests.fit_data import TRUTH, pair, twin
 
@@ -372,3 +373,23 @@ def test_each_data_set_s_steps_are_limited_by_themselves():
     assert result.converged
     assert not few.converged
     assert few.values["rate[down]"] == pytest.approx(result.values["rate[down]"], rel=0.05)
+
+
+def test_data_sets_side_by_side_end_where_each_alone_does():
+    """Of different materials, lengths, errors and scatters; of one some impacts stick."""
+    sets, random = [replace(sticking(1)[0], name="sticks")], np.random.default_rng(3)
+    for name, count, error in (("stainless steel", 20, 0.01), ("chrome steel", 13, None)):
+        law = fitted(name)
+        v = np.geomspace(0.5, 80 + count, count) * float(law.contact.critical_velocity)
+        measured = curve(law, v) + 0.008 * random.standard_normal(count)
+        u = None if error is None else error * np.linspace(0.7, 1.3, count)
+        sets.append(cal.RestitutionData(v, np.minimum(measured, 1.0), law.contact, u, name=name))
+    together = cal.fit(sets, starts=4)
+    for data in sets:
+        alone = cal.fit(data, starts=4)
+        assert alone.converged
+        for name, interval in alone.intervals.items():
+            label = f"{name}[{data.name}]"
+            assert together.values[label] == pytest.approx(alone.values[name], rel=1e-7)
+            for end, own in zip(together.intervals[label], interval, strict=True):
+                assert end == (own if own is None else pytest.approx(own, rel=1e-6))
