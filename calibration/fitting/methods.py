@@ -3,6 +3,7 @@
 The Jacobian of each fit is condensed to a triangle once; a method sees nothing else of a problem.
 """
 
+import math
 from functools import lru_cache, partial
 from typing import NamedTuple
 
@@ -196,10 +197,8 @@ class Lbfgs:
 
 
 def _sized(fits: int, p: int) -> tuple[int, int]:
-    """Sizes rounded up to powers of eight and two, so that few of them are compiled."""
-    return 8 ** max(1, int(np.ceil(np.log(fits) / np.log(8) - 1e-9))), 2 ** max(
-        3, int(np.ceil(np.log2(max(p, 1))))
-    )
+    """Sizes rounded up to powers of four and two, so that few of them are compiled."""
+    return max(16, 4 ** math.ceil(math.log(fits, 4) - 1e-9)), max(8, 2 ** (p - 1).bit_length())
 
 
 @lru_cache
