@@ -60,12 +60,12 @@ BRONZE = with_up(
     *(5.6, 0.93),
 )
 HEIGHTS = np.repeat(np.linspace(0.05, 1.0, 13), 2)
-BRONZE_CURVE = curve(BRONZE, np.sqrt(2 * GRAVITY * HEIGHTS))
 
 
 def drops(random, scatter=0.0, share=0.0, fixed=False):
     """A bronze ball dropped on steel, heights to 2 mm; outliers of ten of their u, or one of 20."""
-    h, e = HEIGHTS, BRONZE_CURVE + scatter * random.standard_normal(26)
+    h, e = HEIGHTS, curve(BRONZE, np.sqrt(2 * GRAVITY * HEIGHTS))
+    e = e + scatter * random.standard_normal(26)
     if share or fixed:
         u = 0.001 * np.hypot(e, 1 / e) / h  # of ε = √(h₂/h₁)
         away = 20.0 * (np.arange(26) == 9) if fixed else 10 * random.standard_normal(26)

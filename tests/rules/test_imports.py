@@ -90,19 +90,25 @@ def part(name):
 
 
 SOFTJAX, CALIBRATION = modules("softjax"), modules("calibration")
-EDGES = {
-    (part(name), part(target))
-    for name, path in SOFTJAX.items()
-    for target in imported(path, "softjax")
-    if part(target) in LEVEL
-}
-CALIBRATION_EDGES = {  # that a package is imported with a module of it is not listed
-    (name, target)
-    for name, path in CALIBRATION.items()
-    for target in imported(path, "calibration")
-    if target in CALIBRATION and not name.startswith(f"{target}.")
-    if not (name in SHOWN and part(target) in ("plots", "report"))
-}
+
+
+@pytest.fixture(scope="module")
+def edges():
+    """Of softjax by its parts, and of calibration; that a package is imported with a module of it is none."""
+    inner = {
+        (part(name), part(target))
+        for name, path in SOFTJAX.items()
+        for target in imported(path, "softjax")
+        if part(target) in LEVEL
+    }
+    outer = {
+        (name, target)
+        for name, path in CALIBRATION.items()
+        for target in imported(path, "calibration")
+        if target in CALIBRATION and not name.startswith(f"{target}.")
+        if not (name in SHOWN and part(target) in ("plots", "report"))
+    }
+    return inner, outer
 
 
 def has_no_cycle(edges):
@@ -117,24 +123,27 @@ def upwards(edges, levels, of=part):
     return [f"{a} imports {b}" for a, b in edges if levels[of(b)] > levels[of(a)]]
 
 
-def test_every_module_has_its_layer_and_imports_downwards_in_no_cycle():
+def test_every_module_has_its_layer_and_imports_downwards_in_no_cycle(edges):
+    inner, outer = edges
     assert {part(name) for name in SOFTJAX} <= set(LEVEL)
     assert {part(name) for name in CALIBRATION} == set(FLOOR)
     assert len(FLOORS) <= 8
-    assert len(EDGES) > 20
-    assert ("fitting.traceable", "fitting.collisions") in CALIBRATION_EDGES
-    assert ("commands.fit", "fitting.result") in CALIBRATION_EDGES  # inside a function
-    assert upwards(EDGES, LEVEL) == []
-    assert upwards(CALIBRATION_EDGES, FLOOR) == []
+    assert len(inner) > 20
+    assert ("fitting.traceable", "fitting.collisions") in outer
+    assert ("commands.fit", "fitting.result") in outer  # inside a function
+    assert upwards(inner, LEVEL) == []
+    assert upwards(outer, FLOOR) == []
     assert upwards([("cli", "data.air"), ("data.air", "cli")], FLOOR) == ["data.air imports cli"]
-    for edges in (EDGES, CALIBRATION_EDGES, {(part(a), part(b)) for a, b in CALIBRATION_EDGES}):
-        has_no_cycle(edges)
+    for each in (inner, outer, {(part(a), part(b)) for a, b in outer}):
+        has_no_cycle(each)
     with pytest.raises(graphlib.CycleError):
         has_no_cycle([("a", "b"), ("b", "c"), ("c", "a")])
 
 
-def test_routes_share_the_law_alone_one_file_talks_to_diffrax_and_calibration_uses_public_names():
-    for name, target in EDGES:
+def test_routes_share_the_law_alone_one_file_talks_to_diffrax_and_calibration_uses_public_names(
+    edges,
+):
+    for name, target in edges[0]:
         for route, names in ROUTES.items():
             others = set().union(*(v for k, v in ROUTES.items() if k != route))
             assert not (name in names and target in others), f"{name} imports {target}"
