@@ -465,16 +465,14 @@ def several_yields(contact: sj.Contact | None) -> bool:
     return bool(np.max(ratio) > (1 + ALIKE) * np.min(ratio))
 
 
-def eq_17(velocity: Any, limit_velocity: Any, sigma: float, psi: float) -> Any:
-    """ε by Eq. (17), of NumPy; 0 from the limit velocity on."""
-    below = velocity < limit_velocity
-    ratio = velocity / np.where(below, limit_velocity - velocity, 1.0)
-    return np.where(below, np.exp(-sigma * ratio**psi), 0.0)
+def eq_17(velocity: Any, limit_velocity: Any, sigma: Any, psi: Any) -> Any:
+    """ε by Eq. (17), of NumPy or JAX; 0 from the limit velocity on."""
+    xp, below = _numpy_for(velocity, limit_velocity, sigma, psi), velocity < limit_velocity
+    ratio = velocity / xp.where(below, limit_velocity - velocity, 1.0)
+    return xp.where(below, xp.exp(-sigma * ratio**psi), 0.0)
 
 
 def eps_up_of(law: sj.Zhou) -> Any:
-    """ε_up = ε_17(v_cr), Eq. (16)."""
-    contact = law.contact
-    return sj.empirical_restitution(
-        contact.critical_velocity, contact.limit_velocity, law.sigma, law.psi
-    )
+    """ε_up = ε_17(v_cr), Eq. (16); of bodies that differ from impact to impact the mean."""
+    at = law.contact.critical_velocity, law.contact.limit_velocity
+    return _numpy_for(law).mean(eq_17(*at, law.sigma, law.psi))

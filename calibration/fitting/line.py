@@ -26,12 +26,11 @@ from scipy import special
 import softjax as sj
 from calibration.data.checks import as_number, checked_confidence, require
 from calibration.errors import DataError
-from calibration.fitting.laws import LINE, several_yields, sigma_of
+from calibration.fitting.laws import LINE, eps_up_of, several_yields, sigma_of
 from calibration.fitting.material import Band, Estimate
 from calibration.fitting.problem import DRAG
 from calibration.fitting.request import Request, SetSpec
 from calibration.fitting.stages import ComponentFit, StageFit, fitted
-from calibration.fitting.summary import eps_up_of
 from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
 

@@ -9,7 +9,7 @@ from scipy import special
 
 import softjax as sj
 from calibration.fitting.errors import Errors
-from calibration.fitting.laws import LINE, eq_17, several_yields
+from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
@@ -203,12 +203,6 @@ def _variances(errors: Errors, s: Mapping[str, float], at: tuple[Any, Any]) -> d
 
 def critical_velocity_of(law: sj.Zhou) -> float:
     return float(np.mean(np.asarray(law.contact.critical_velocity)))
-
-
-def eps_up_of(law: sj.Zhou) -> float:
-    """ε_17(v_cr), Eq. (16)."""
-    limit = float(np.mean(np.asarray(law.contact.limit_velocity)))
-    return float(eq_17(critical_velocity_of(law), limit, float(law.sigma), float(law.psi)))
 
 
 def chi_of(law: sj.Zhou) -> float:

@@ -19,8 +19,9 @@ from calibration.data.checks import check_whole
 from calibration.data.json_file import plain
 from calibration.errors import DataError, listed
 from calibration.fitting.curves import yield_velocity
+from calibration.fitting.laws import eps_up_of
 from calibration.fitting.result import FitResult
-from calibration.fitting.summary import chi_of, critical_velocity_of, eps_up_of
+from calibration.fitting.summary import chi_of, critical_velocity_of
 from calibration.studies.inputs import both_ends
 from calibration.studies.plans import (
     NO_BOUND,

@@ -23,12 +23,11 @@ from calibration.data.json_file import plain
 from calibration.errors import DataError, did_you_mean
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import STEP, curve_and_slopes, further_variances, like_measured
-from calibration.fitting.laws import OF_CONTACT, numbers_in
+from calibration.fitting.laws import OF_CONTACT, eps_up_of, numbers_in
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.problem import DRAG, Element
 from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
-from calibration.fitting.summary import eps_up_of
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number

@@ -194,7 +194,7 @@ def _as_data(density: Density, position, statistics, about: Mapping[str, Any]) -
         u, key = some
         theta, log_prior, log_jacobian = density.at(u)
         laws = [problem.law(theta, g) for g in range(len(problem.specs))]
-        ups = [jnp.mean(eps_up_of(a)) if isinstance(a, sj.Zhou) else jnp.nan for a in laws]
+        ups = [eps_up_of(a) if isinstance(a, sj.Zhou) else jnp.nan for a in laws]
         return {
             "theta": jnp.stack(list(theta.values())),
             "log_prior": log_prior,
