@@ -78,13 +78,13 @@ class Observed:
     """
 
     name: str
-    rows: Int[np.ndarray, "k"]
-    value: Float[np.ndarray, "k"]
-    uncertainty: Float[np.ndarray, "k"] | None
-    scale: Float[np.ndarray, "k"]
+    rows: Int[np.ndarray, " k"]
+    value: Float[np.ndarray, " k"]
+    uncertainty: Float[np.ndarray, " k"] | None
+    scale: Float[np.ndarray, " k"]
 
     @property
-    def in_parts(self) -> Float[np.ndarray, "k"] | None:
+    def in_parts(self) -> Float[np.ndarray, " k"] | None:
         """The stated uncertainty in parts of `scale`; one stated as the same part of each value is that part."""
         if self.uncertainty is None:
             return None

@@ -73,7 +73,7 @@ class PointErrors:
         none = np.broadcast_to(0.0, (count, TOUCHED))
         return cls(index, none, none, np.zeros(0), "", restitution, velocity)
 
-    def some(self, rows: Int[np.ndarray, "k"]) -> "PointErrors":
+    def some(self, rows: Int[np.ndarray, " k"]) -> "PointErrors":
         """Select points, which share no input error with the others."""
         index, back = np.unique(self.index[rows], return_inverse=True)
         index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)

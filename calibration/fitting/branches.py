@@ -33,7 +33,7 @@ class Branches(NamedTuple):
     upper: Z
     elastic: Bool[np.ndarray, "fits points"]  # which points are below yield
     z: Z  # a start there, and later the place of the lowest cost
-    cost: Float[np.ndarray, "fits"] = None  # type: ignore[assignment]  # half the sum of squares there
+    cost: Float[np.ndarray, " fits"] = None  # type: ignore[assignment]  # half the sum of squares there
     limits: Int[np.ndarray, "fits p"] = None  # type: ignore[assignment]  # of the active elements, see `Ends`
 
     def some(self, which) -> "Branches":
@@ -60,14 +60,14 @@ def moving(problem: Problem) -> list[int]:
     return [int(k) for k in problem.active if problem.elements[k].name in names]
 
 
-def held_at(problem: Problem, z: Float[np.ndarray, "elements"]) -> Problem:
+def held_at(problem: Problem, z: Float[np.ndarray, " elements"]) -> Problem:
     """The problem on the branches that its points have at z."""
     if problem.elastic is None:
         return problem
     return replace(problem, elastic=problem.elastic_at(z), within=_ends(problem, z))
 
 
-def _changes(problem: Problem, z, k: int) -> Float[np.ndarray, "points"]:
+def _changes(problem: Problem, z, k: int) -> Float[np.ndarray, " points"]:
     """Value of an element at which each point changes its branch; NaN for points that never do."""
     name = problem.elements[k].name
     laws = problem.laws

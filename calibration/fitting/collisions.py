@@ -71,7 +71,7 @@ class Laws:
     names: tuple[str, ...]  # of the local parameters, those of the contact among them
     element: Int[np.ndarray, "q rows"]  # which element of the fit each is, -1 where it is fixed
     fixed: Float[np.ndarray, "q rows"]  # at what
-    row: Int[np.ndarray, "points"]  # of each point
+    row: Int[np.ndarray, " points"]  # of each point
     shape: Any = None  # see `bind`
     sizes: tuple[int, ...] = ()  # how many numbers each leaf of a law has
     free: tuple[int, ...] = ()  # which local parameters are differentiated
@@ -134,7 +134,7 @@ class Laws:
         rows = self.row[points]
         return self.law(theta, rows[0] if np.all(rows == rows[0]) else rows, jnp)
 
-    def bind(self, theta: Float[np.ndarray, "p"], active: Sequence[int] | np.ndarray) -> "Laws":
+    def bind(self, theta: Float[np.ndarray, " p"], active: Sequence[int] | np.ndarray) -> "Laws":
         """The same with the structure of the laws, and which of their leaves move with active elements."""
         law = self.law(theta, 0)
         shape, leaves = LawShape.of(law), jax.tree.leaves(law)
@@ -221,7 +221,7 @@ def _build(contact, values, model: LawModel, area: str, free):
 def expand(
     shape: LawShape,
     leaves: Sequence[np.ndarray],
-    velocity: Float[np.ndarray, "m"],
+    velocity: Float[np.ndarray, " m"],
     moving: tuple[int, ...],
     route: Route,
     elastic: np.ndarray | None = None,

@@ -269,8 +269,8 @@ def further_variances(
 
 def like_measured(
     errors: PointErrors,
-    velocity: Float[np.ndarray, "k"],
-    restitution: Float[np.ndarray, "k"],
+    velocity: Float[np.ndarray, " k"],
+    restitution: Float[np.ndarray, " k"],
     at: Velocity,
     expected: Velocity,
     timing: float | None = None,

@@ -85,7 +85,7 @@ class Errors:
 
     points: PointErrors  # how what was measured enters ε and v
     # the group of each point, None where no offset of groups is unknown
-    group: Int[np.ndarray, "n"] | None
+    group: Int[np.ndarray, " n"] | None
     # variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²;
     # and numbers of the family of noise
     unknown: tuple[str, ...]
@@ -97,7 +97,7 @@ class Errors:
     shift: Any = 0.0  # d, see above [m/s]
     log_unit: Any = 0.0  # ln of the unit of each value, so that densities are those of values in SI
     # the group of each point, whether or not they have an offset; None without groups
-    labels: Int[np.ndarray, "n"] | None = None
+    labels: Int[np.ndarray, " n"] | None = None
 
     @classmethod
     def of(cls, data: RestitutionData, options=PLAIN, observed: Observed | None = None) -> "Errors":

@@ -17,7 +17,7 @@ MANY = 20_000  # points from which on it pays
 FEW = 4096  # neighbourhoods, of all data sets together
 
 
-def condensed(problem: Problem, z: Float[np.ndarray, "elements"] | None = None) -> Problem:
+def condensed(problem: Problem, z: Float[np.ndarray, " elements"] | None = None) -> Problem:
     """Neighbourhoods in place of points; the problem itself where points are few, or share errors.
 
     Args:

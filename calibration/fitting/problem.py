@@ -102,15 +102,15 @@ class Points(NamedTuple):
     Those of one data set and observable, a block, are neighbours.
     """
 
-    velocity: Float[np.ndarray, "points"]  # [m/s]
-    value: Float[np.ndarray, "points"]  # as measured, in `unit`
-    copies: Float[np.ndarray, "points"]  # for how many such points it stands
-    set: Int[np.ndarray, "points"]  # the data set
-    observable: Int[np.ndarray, "points"]  # place in `calibration.observables.OBSERVABLES`; 0 is ε
+    velocity: Float[np.ndarray, " points"]  # [m/s]
+    value: Float[np.ndarray, " points"]  # as measured, in `unit`
+    copies: Float[np.ndarray, " points"]  # for how many such points it stands
+    set: Int[np.ndarray, " points"]  # the data set
+    observable: Int[np.ndarray, " points"]  # place in `calibration.observables.OBSERVABLES`; 0 is ε
     # 1 for ε, else `Observed.scale` [SI], so that all values are numbers near one
-    unit: Float[np.ndarray, "points"]
+    unit: Float[np.ndarray, " points"]
     # ∂(expected - measured)/∂c of flights in air, for a drag coefficient of (1 + c) C_d
-    by_drag: Float[np.ndarray, "points"]
+    by_drag: Float[np.ndarray, " points"]
 
 
 class Block(NamedTuple):
@@ -133,7 +133,7 @@ class Lanes(NamedTuple):
     lower: Z | None = None  # as `Problem.within`
     upper: Z | None = None
     # of fits of different data: whose each is, and as in `Points`, and for `Laws.leaves`
-    of: Int[np.ndarray, "fits"] | None = None
+    of: Int[np.ndarray, " fits"] | None = None
     velocity: Float[np.ndarray, "fits points"] | None = None
     contact: Mapping[str, np.ndarray] | None = None
     fixed: Float[np.ndarray, "fits q rows"] | None = None
@@ -149,7 +149,7 @@ class Linear(NamedTuple):
     # of the points, of the priors and pools, then of what V adds
     residual: Float[np.ndarray, "fits m"]
     jacobian: Float[np.ndarray, "fits m p"]  # along the active elements
-    cost: Float[np.ndarray, "fits"]  # -ln p(data | θ, s) - ln p(θ) up to a constant
+    cost: Float[np.ndarray, " fits"]  # -ln p(data | θ, s) - ln p(θ) up to a constant
     # the mean expected at each point, in its unit, and its slopes along the active elements
     prediction: Float[np.ndarray, "fits points"]
     per: Float[np.ndarray, "fits points p"]
@@ -195,7 +195,7 @@ class Residuals(NamedTuple):
         return np.ones(self.off.shape) if self.kept is None else self.kept
 
     @property
-    def square(self) -> Float[np.ndarray, "fits"]:
+    def square(self) -> Float[np.ndarray, " fits"]:
         """Mean square of the residuals."""
         squares = np.sum(self.counted * self.off**2, axis=1) / np.sum(self.counted, axis=1)
         return np.maximum(squares, 1e-30)
@@ -217,13 +217,13 @@ class Problem:
     transform: Transform  # of all elements
     laws: Laws  # parameters -> laws of all points
     points: Points  # what is measured
-    active: Int[np.ndarray, "p"]  # which elements are searched
+    active: Int[np.ndarray, " p"]  # which elements are searched
     route: Route = None
     errors: tuple[Errors, ...] = ()  # V(s) of each block; none where only the curve is needed
     variances: tuple[Mapping[str, Any], ...] = ()  # s of each block
     # points that are held below yield, (points,), while a search moves what yield depends on;
     # None: no law asks for it
-    elastic: Bool[np.ndarray, "points"] | None = None
+    elastic: Bool[np.ndarray, " points"] | None = None
     # lowest and highest z, (elements,) each, between which these points are where the law has
     # them
     within: tuple[np.ndarray, np.ndarray] | None = None
@@ -327,7 +327,7 @@ class Problem:
             parts.append(Residuals(*at, others[0], others[1], free))
         return parts
 
-    def deviance(self, z: Z) -> Float[np.ndarray, "fits"]:
+    def deviance(self, z: Z) -> Float[np.ndarray, " fits"]:
         """-2 ln p(data | θ, s)."""
         linear = self.linearise(z, slopes=False)
         total = np.zeros(len(z))
@@ -429,7 +429,7 @@ class Problem:
         alike, count = (Errors.known(longest.points.velocity, 1.0),), np.zeros(len(problems), int)
         return replace(longest, errors=alike, variances=({},), evaluated=count), lanes
 
-    def law_of(self, theta: Float[np.ndarray, "elements"], g: int) -> sj.ContactLaw:
+    def law_of(self, theta: Float[np.ndarray, " elements"], g: int) -> sj.ContactLaw:
         """The law of a data set; of its first impact where it has several."""
         return self.laws.law(theta, int(self.laws.row[np.flatnonzero(self.points.set == g)[0]]))
 

@@ -63,14 +63,14 @@ class ProfileTask(NamedTuple):
     """Request for the profiles of one fit."""
 
     problem: Problem  # where it ended, as `search` takes it
-    z: Float[np.ndarray, "elements"]
-    begun: Float[np.ndarray, "elements"]
+    z: Float[np.ndarray, " elements"]
+    begun: Float[np.ndarray, " elements"]
     variance: float  # of a weighted residual
-    columns: Int[np.ndarray, "some"]  # which of the active elements
-    errors: Float[np.ndarray, "some"]  # their standard errors in z
+    columns: Int[np.ndarray, " some"]  # which of the active elements
+    errors: Float[np.ndarray, " some"]  # their standard errors in z
     # +1 or -1 for those held at an end of their range: only the other way is gone
-    limits: Int[np.ndarray, "some"]
-    quantiles: Float[np.ndarray, "some"]  # √Δχ² at the limits of each
+    limits: Int[np.ndarray, " some"]
+    quantiles: Float[np.ndarray, " some"]  # √Δχ² at the limits of each
     lowest: float | None = None  # twice the cost from which Δχ² counts; None: that at z
 
 
@@ -120,14 +120,14 @@ class _Walks:
         self.reach = np.minimum(reach, np.abs(self.edge - self.centre))
         self.way: list[list[tuple[float, float]]] = [[] for _ in walks]
 
-    def _edges(self) -> Float[np.ndarray, "walks"]:
+    def _edges(self) -> Float[np.ndarray, " walks"]:
         """Values at which points would leave their branches, beyond which another profile continues."""
         if self.problem.within is None:
             return self.signs * np.inf
         lower, upper = self.problem.within
         return np.where(self.signs < 0, lower[self.positions], upper[self.positions])
 
-    def refit(self, at: Float[np.ndarray, "some"], which: Int[np.ndarray, "some"], doubted=None):
+    def refit(self, at: Float[np.ndarray, " some"], which: Int[np.ndarray, " some"], doubted=None):
         """Everything else refitted with the parameters there: z of each, √Δχ², and steps taken.
 
         Args:
@@ -147,7 +147,7 @@ class _Walks:
             rise[poor[lower]] = self._rise(again.cost, which[poor])[lower]
         return z, rise, minima.iterations
 
-    def _rise(self, cost: Float[np.ndarray, "some"], which) -> Float[np.ndarray, "some"]:
+    def _rise(self, cost: Float[np.ndarray, " some"], which) -> Float[np.ndarray, " some"]:
         """√Δχ²."""
         rise = np.sqrt(np.maximum(2 * cost - self.lowest[which], 0.0) / self.variance[which])
         return np.where(np.isfinite(rise), rise, 1e6)
@@ -176,7 +176,7 @@ class _Walks:
         z[rows, self.positions[which]] = at
         return z
 
-    def run(self, tell: Callable[[int], None]) -> Float[np.ndarray, "walks"]:
+    def run(self, tell: Callable[[int], None]) -> Float[np.ndarray, " walks"]:
         """Value where each walk crosses the quantile, NaN if it does not; `way` is the path.
 
         By strides until one is beyond, then between the two by the Illinois method.

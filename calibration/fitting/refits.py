@@ -60,7 +60,7 @@ class Bootstrap:
 
     names: tuple[str, ...]
     values: Float[np.ndarray, "fits p"]
-    converged: Bool[np.ndarray, "fits"]
+    converged: Bool[np.ndarray, " fits"]
     intervals: dict[str, tuple[float, float]]
 
 
@@ -144,11 +144,11 @@ class LeaveOneOut:
         converged: whether every refit arrived.
     """
 
-    predicted: Float[np.ndarray, "n"]
-    residual: Float[np.ndarray, "n"]
-    log_density: Float[np.ndarray, "n"]
-    pointwise: Float[np.ndarray, "n"]
-    fold: Int[np.ndarray, "n"]
+    predicted: Float[np.ndarray, " n"]
+    residual: Float[np.ndarray, " n"]
+    log_density: Float[np.ndarray, " n"]
+    pointwise: Float[np.ndarray, " n"]
+    fold: Int[np.ndarray, " n"]
     exact: bool
     converged: bool
 
@@ -167,7 +167,7 @@ class LeaveOneOut:
         """Its standard error."""
         return self.error_of_sum(self.log_density)
 
-    def error_of_sum(self, values: Float[np.ndarray, "n"]) -> float:
+    def error_of_sum(self, values: Float[np.ndarray, " n"]) -> float:
         """Standard error of the sum of one number a point: √m times the scatter over m folds."""
         sums = np.bincount(self.fold, values)
         return float(np.sqrt(len(sums) * np.var(sums, ddof=1)))
@@ -213,7 +213,7 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
     return LeaveOneOut(predicted, off, density, _pointwise(fit), fold, exact, arrived)
 
 
-def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
+def folds_of(problem: Problem) -> Int[np.ndarray, " n"]:
     """Points left out together: each point alone, or a whole group if the data have groups."""
     fold, first = np.empty(problem.count, int), 0
     for errors, rows in zip(problem.errors, problem.spans, strict=True):
@@ -225,7 +225,7 @@ def folds_of(problem: Problem) -> Int[np.ndarray, "n"]:
     return fold
 
 
-def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
+def _pointwise(fit: ComponentFit) -> Float[np.ndarray, " n"]:
     """ln p of each point by the likelihood of the fit."""
     first = fit.stages[0].problem
     linear, at = fit.final.problem.linearise(fit.z[None]), first.linearise(fit.z[None])
@@ -235,7 +235,7 @@ def _pointwise(fit: ComponentFit) -> Float[np.ndarray, "n"]:
     return np.concatenate(parts)
 
 
-def _fixed(fit: ComponentFit) -> Bool[np.ndarray, "p"]:
+def _fixed(fit: ComponentFit) -> Bool[np.ndarray, " p"]:
     """Elements at an end of their range, which stay there."""
     return fit.uncertainty.limits[fit.final.problem.active] != 0
 
@@ -342,7 +342,7 @@ def _joint(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return -0.5 * (white**2 + math.log(2 * math.pi)) - np.log(np.diag(lower))
 
 
-def _continued(fit: ComponentFit, fold: Int[np.ndarray, "n"]):
+def _continued(fit: ComponentFit, fold: Int[np.ndarray, " n"]):
     """First-order approximation of the refits.
 
     With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a fold b by the fit to all others are

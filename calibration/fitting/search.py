@@ -64,7 +64,7 @@ class Ends(NamedTuple):
     limits: Int[np.ndarray, "fits p"]
     # from where it was measured whether an element runs to an end
     begun: Float[np.ndarray, "fits elements"]
-    iterations: Int[np.ndarray, "fits"]  # steps taken
+    iterations: Int[np.ndarray, " fits"]  # steps taken
 
     def some(self, which: Any) -> "Ends":
         """Some of the searches side by side."""

@@ -57,7 +57,7 @@ Places = Float[np.ndarray, "starts elements"]
 
 
 def screened(
-    problem: Problem, z: Float[np.ndarray, "elements"], count: int, seed: int, keep: int, wide=1.0
+    problem: Problem, z: Float[np.ndarray, " elements"], count: int, seed: int, keep: int, wide=1.0
 ) -> Places:
     """The `keep` best of `count` places that are `APART`, the best first; each data set ranks its own elements.
 

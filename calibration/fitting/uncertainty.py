@@ -77,10 +77,10 @@ class Freedom:
         self,
         labels: Sequence[str],
         slopes: Float[np.ndarray, "n p"],
-        variance: Float[np.ndarray, "n"],
+        variance: Float[np.ndarray, " n"],
         block: str = "",
         added: Mapping[str, Any] | None = None,
-    ) -> Float[np.ndarray, "n"]:
+    ) -> Float[np.ndarray, " n"]:
         """Satterthwaite's ν of a variance, see above; infinite where the noise is known.
 
         Args:
@@ -104,7 +104,7 @@ class Freedom:
             degrees = np.where(spread > 0, 2 * variance**2 / spread, np.inf)
         return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
 
-    def physical(self, slope: Float[np.ndarray, "p"], whole: Matrix) -> "Freedom":
+    def physical(self, slope: Float[np.ndarray, " p"], whole: Matrix) -> "Freedom":
         """Degrees of freedom in physical parameters, with dθ/dz; `whole` is the covariance in z."""
         both = np.outer(slope, slope)
         if self.parts.size <= MOST_NUMBERS:
@@ -139,37 +139,37 @@ class Uncertainty:
     freedom: Freedom  # how well it is known
     rank: int  # of the weighted Jacobian, columns scaled to one; the worst stage's
     condition_number: float
-    undetermined: Bool[np.ndarray, "p"]  # elements that lie in a null direction
-    limits: Int[np.ndarray, "p"]  # elements at an end of their range, +1 or -1, else 0
+    undetermined: Bool[np.ndarray, " p"]  # elements that lie in a null direction
+    limits: Int[np.ndarray, " p"]  # elements at an end of their range, +1 or -1, else 0
     definite: bool  # whether the observed information is, or nothing depends on it
     # standard deviation of the errors of each point (of Student's t the scale)
-    deviation: Float[np.ndarray, "points"]
-    left: Float[np.ndarray, "blocks"]  # residual degrees of freedom of each block
+    deviation: Float[np.ndarray, " points"]
+    left: Float[np.ndarray, " blocks"]  # residual degrees of freedom of each block
     # the errors over those of known variances, 1 where none shares an error
-    widened: Float[np.ndarray, "p"]
+    widened: Float[np.ndarray, " p"]
 
     @property
-    def known(self) -> Bool[np.ndarray, "p"]:
+    def known(self) -> Bool[np.ndarray, " p"]:
         """Elements that are determined and not at an end of their range."""
         return ~self.undetermined & (self.limits == 0)
 
     @property
-    def errors(self) -> Float[np.ndarray, "p"]:
+    def errors(self) -> Float[np.ndarray, " p"]:
         """Standard errors in z."""
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
-    def degrees(self) -> Float[np.ndarray, "p"]:
+    def degrees(self) -> Float[np.ndarray, " p"]:
         """Degrees of freedom of each standard error; infinite where the noise is known."""
         return self.along(np.eye(len(self.limits)))
 
-    def along(self, directions: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n"]:
+    def along(self, directions: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " n"]:
         """Degrees of freedom of aᵀ C a."""
         whole = np.einsum("np,pq,nq->n", directions, self.whole, directions)
         return self.freedom.degrees(self.freedom.labels, directions, whole)
 
 
-def uncertainty_of(stages: Stages, z: Float[np.ndarray, "p"]) -> Uncertainty:
+def uncertainty_of(stages: Stages, z: Float[np.ndarray, " p"]) -> Uncertainty:
     """The covariance of all stages' elements together, at the estimates z."""
     return _of_likelihood(*stages[0], z) if len(stages) == 1 else _of_equations(stages, z)
 
@@ -261,7 +261,7 @@ def _decomposed(jacobian: Float[np.ndarray, "m p"], fixed=False):
     return directions.T * per / size[:, None], is_seen, rank, condition, nulls
 
 
-def _left(problem: Problem, leverage) -> Float[np.ndarray, "blocks"]:
+def _left(problem: Problem, leverage) -> Float[np.ndarray, " blocks"]:
     """Residual degrees of freedom of each block."""
     counts = [span.stop - span.start - np.sum(leverage[span]) for span in problem.spans]
     return np.maximum(counts, 1.0)
@@ -430,7 +430,7 @@ def gradient_slopes(
     return (8 * (up - down) - (far_up - far_down)) / (12 * steps)
 
 
-def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, "m"]:
+def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, " m"]:
     """Diagonal of J (JᵀJ)⁺ Jᵀ: how many parameters each row pays for."""
     return np.sum((jacobian @ _decomposed(jacobian)[0]) ** 2, axis=1)
 

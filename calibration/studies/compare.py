@@ -129,7 +129,7 @@ class Entry:
         why = FitWarning("not-converged", "not every fit without a point ended at a minimum")
         return (*self.result.warnings, *([] if self.leave_one_out.converged else [why]))
 
-    def ahead_of(self, other: "Entry") -> tuple[Difference, Float[np.ndarray, "n"]]:
+    def ahead_of(self, other: "Entry") -> tuple[Difference, Float[np.ndarray, " n"]]:
         """elpd less that of another law, in all and of each point."""
         first, second = self.leave_one_out, other.leave_one_out
         differences = first.log_density - second.log_density
@@ -340,7 +340,7 @@ def _ranked(entries: list[Entry]) -> tuple[Entry, ...]:
     )
 
 
-def stacking_weights(log_density: Float[np.ndarray, "laws n"]) -> Float[np.ndarray, "laws"]:
+def stacking_weights(log_density: Float[np.ndarray, "laws n"]) -> Float[np.ndarray, " laws"]:
     """w >= 0, Σw = 1, that make Σ_i ln Σ_k w_k p_k(ε_i) largest, by expectation–maximisation.
 
     Laws with the same curve share its weight equally.

@@ -86,14 +86,14 @@ class Design(Planned):
     criterion: str
     target: str
     target_symbol: str
-    coefficient: Float[np.ndarray, "n"]
+    coefficient: Float[np.ndarray, " n"]
     bounds: tuple[float, float]
     over: tuple[float, float]
     minimised: tuple[float | None, ...]
     relative_errors: Errors
     equally_spaced: Errors
     gain: float
-    grid: Float[np.ndarray, "k"]
+    grid: Float[np.ndarray, " k"]
     slopes: Float[np.ndarray, "k p"]
 
     @property
@@ -155,7 +155,7 @@ class Criterion:
             level = np.log(np.einsum("lij,l...ij->l...", self.weight, covariance))
         return np.mean(level, axis=0)
 
-    def exchanged(self, shots: Matrices, places: Any) -> tuple[Int[np.ndarray, "n"], float]:
+    def exchanged(self, shots: Matrices, places: Any) -> tuple[Int[np.ndarray, " n"], float]:
         """Each shot moved to its best place until none moves any more, and the criterion there."""
         places = np.array(places)
         best = float(self.value(self.before + np.sum(shots[:, places], axis=1)))
@@ -302,7 +302,7 @@ def _target_of(target: str | None, plan: Plan) -> str:
     raise DataError("target", target, f"one of {listed([*plan.names, *follow])}")
 
 
-def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, "p"]:
+def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, " p"]:
     """∂ ln q/∂ ln θ of a target q, which has the standard error of its product with ln θ."""
     if target in plan.names:
         return (np.array(plan.names) == target).astype(float)

@@ -75,12 +75,12 @@ class Plan:
         return tuple(self.material.free.values())
 
     @property
-    def truth(self) -> Float[np.ndarray, "p"]:
+    def truth(self) -> Float[np.ndarray, " p"]:
         values = self.material.model.inside(self.material.values)
         return np.array([float(values[name]) for name in self.material.free])
 
     @property
-    def unit(self) -> Float[np.ndarray, "p"]:
+    def unit(self) -> Float[np.ndarray, " p"]:
         """|θ|, and 1 where θ = 0: slopes in θ times these are in ln θ."""
         return np.abs(self.truth) + (self.truth == 0)
 
@@ -91,7 +91,7 @@ class Plan:
         return tuple(symbol(n, model).text + label.removeprefix(n) for n, label in pairs)
 
     @property
-    def aims(self) -> dict[str, Float[np.ndarray, "p"]]:
+    def aims(self) -> dict[str, Float[np.ndarray, " p"]]:
         """Each parameter as a product of powers of all."""
         return dict(zip(self.names, np.eye(len(self.names)), strict=True))
 
@@ -330,8 +330,8 @@ class Planned:
 
     names: tuple[str, ...]
     symbols: tuple[str, ...]
-    velocity: Float[np.ndarray, "n"]
-    uncertainty: Float[np.ndarray, "n"]
+    velocity: Float[np.ndarray, " n"]
+    uncertainty: Float[np.ndarray, " n"]
     before: Errors | None
     taken_as_known: tuple[str, ...]
     sensors: Mapping[str, float]
@@ -368,7 +368,7 @@ class Information(Planned):
         matrix: Fisher's information on ln θ, (p, p), what was known before included.
     """
 
-    truth: Float[np.ndarray, "p"]
+    truth: Float[np.ndarray, " p"]
     matrix: Float[np.ndarray, "p p"]
 
     @property
@@ -390,7 +390,7 @@ class Information(Planned):
         return {n: None if e is None else abs(value or 1.0) * e for (n, e), value in pairs}
 
     @property
-    def directions(self) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+    def directions(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
         """Eigenvalues of the information, the best known direction first, and eigenvectors.
 
         A column has the exponents of a product of powers of θ; its largest one is positive.

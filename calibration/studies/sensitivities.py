@@ -51,10 +51,10 @@ class Sensitivities:
     """
 
     declared: Mapping[str, Declared]
-    velocity: Float[np.ndarray, "n"]
-    coefficient: Float[np.ndarray, "n"]
+    velocity: Float[np.ndarray, " n"]
+    coefficient: Float[np.ndarray, " n"]
     absolute: Float[np.ndarray, "n p"]
-    status: Int[np.ndarray, "n"]
+    status: Int[np.ndarray, " n"]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,7 +66,7 @@ class Sensitivities:
         """∂ln ε/∂ln θ [-]; NaN where ε = 0 and θ ∂ε/∂θ alone has a meaning."""
         return self.absolute / np.where(self.coefficient > 0, self.coefficient, np.nan)[:, None]
 
-    def of(self, name: str) -> Float[np.ndarray, "n"]:
+    def of(self, name: str) -> Float[np.ndarray, " n"]:
         """θ ∂ε/∂θ of one input."""
         return self.absolute[:, self.names.index(name)]
 
@@ -164,12 +164,12 @@ class SobolIndices:
     first_high: Float[np.ndarray, "q p"]
     total_low: Float[np.ndarray, "q p"]
     total_high: Float[np.ndarray, "q p"]
-    mean: Float[np.ndarray, "q"]
-    variance: Float[np.ndarray, "q"]
+    mean: Float[np.ndarray, " q"]
+    variance: Float[np.ndarray, " q"]
     samples: int
     confidence: float
-    zeros: Float[np.ndarray, "q"]
-    velocity: Float[np.ndarray, "q"]
+    zeros: Float[np.ndarray, " q"]
+    velocity: Float[np.ndarray, " q"]
     symbols: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:

@@ -94,7 +94,7 @@ class Pool(NamedTuple):
 class Linear(NamedTuple):
     """q = centre + root u."""
 
-    centre: Float[np.ndarray, "k"]
+    centre: Float[np.ndarray, " k"]
     root: Float[np.ndarray, "k k"]
 
     def q(self, u: Array) -> tuple[Array, Array]:
@@ -113,7 +113,7 @@ class Path(NamedTuple):
     """
 
     order: Places
-    knots: Float[np.ndarray, "m"]
+    knots: Float[np.ndarray, " m"]
     coefficients: Float[np.ndarray, "4 intervals both"]
     others: "Linear | Path"
 
@@ -371,7 +371,7 @@ def _coordinates(slope: Slope, q: Vector, scale: Vector, straight: bool = False)
     return Path(order, knots, _cubics(knots, values), inner)
 
 
-def _errors(precision: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k"]:
+def _errors(precision: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " k"]:
     return np.sqrt(np.diag(np.linalg.inv(precision)))
 
 

@@ -324,7 +324,7 @@ def band_of_draws(
             return _evenly(_labelled(data, [label]), OF_BAND)
         return np.full((len(values), 1), otherwise)
 
-    def parts(velocity: Float[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
+    def parts(velocity: Float[np.ndarray, " n"]) -> tuple[np.ndarray, ...]:
         with jax.enable_x64(True):
             curves = curve_problem(material, velocity).linearise(values, slopes=False).prediction
         if kind == "prediction":
