@@ -266,7 +266,8 @@ def as_text(rows: list[Row]) -> str:
         for row in sorted(rows, key=lambda row: FAMILIES.index(row["family"]))
     ]
     head = f"{os.cpu_count()} cores; time per collision, largest error of ε_p against exact values"
-    return "\n".join([head, "", table_text(pd.DataFrame(cells))])
+    table = pd.DataFrame(cells)
+    return "\n".join([head, "", table_text(table.loc[:, (table != "").any()])])
 
 
 def draw(rows: list[Row], ax: Any = None) -> Any:

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from calibration.errors import DataError, printable
 
 Column = Float[np.ndarray, " n"]
+LEAST = 1e-60  # of an uncertainty: squares of what is divided by it are numbers
 
 
 def as_numbers(name: str, values: Any) -> Column:
@@ -84,6 +85,12 @@ def require(
         bad = np.flatnonzero(~(np.isfinite(values) & holds(values)))
     if bad.size:
         raise DataError(name, float(values[bad[0]]), accepted, int(bad[0]))
+
+
+def require_size(name: str, values: Column, unit: str = "") -> None:
+    """Raise DataError for the first value that is no positive number, or too small to divide by."""
+    require(name, values, lambda u: u > 0, f"a positive number{unit and ' in '}{unit}")
+    require(name, values, lambda u: u >= LEAST, f"{LEAST:g} {unit}".strip() + " or more")
 
 
 def check_lengths(columns: Mapping[str, np.ndarray]) -> None:

@@ -19,9 +19,10 @@ from calibration.data.checks import (
     check_lengths,
     codes_of,
     require,
+    require_size,
 )
 from calibration.data.columns import NO_UNIT, OBSERVED, SIZES
-from calibration.data.point_errors import LEAST, PointErrors
+from calibration.data.point_errors import PointErrors
 from calibration.data.points import observed_of, points_of, radius_of, read_rows, rows_blamed
 from calibration.data.repeats import average
 from calibration.errors import DataError, InputError, Origin, listed, printable
@@ -372,9 +373,7 @@ class RestitutionData:
             missing = missing & ~present
             for key, column in ((name, values), (f"{name}_uncertainty", size)):
                 if column is not None:
-                    used = np.where(present, column, 1.0)
-                    positive = f"a positive number in {unit} (≥ {LEAST:g})"
-                    require(key, used, lambda x: x >= LEAST, positive)
+                    require_size(key, np.where(present, column, 1.0), unit)
         if np.any(missing):
             accepted = f"a number, or measured by {listed(measured)}"
             accepted = accepted if measured else "a number of 0 or more"

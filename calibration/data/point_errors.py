@@ -6,10 +6,9 @@ from functools import reduce
 import numpy as np
 from jaxtyping import Float, Int
 
-from calibration.data.checks import Column, require
+from calibration.data.checks import Column, require, require_size
 
 TOUCHED = 3  # input errors that one point has at most: the times of three bounces
-LEAST = 1e-100  # standard uncertainty whose square is a number, and that of its inverse
 Index = Int[np.ndarray, "n 3"]
 Slopes = Float[np.ndarray, "n 3"]
 
@@ -57,8 +56,7 @@ class PointErrors:
                 view.setflags(write=False)
                 object.__setattr__(self, name, view)
         if self.restitution_alone is not None:
-            positive = f"a positive number (≥ {LEAST:g})"
-            require("uncertainty", self.restitution_alone, lambda u: u >= LEAST, positive)
+            require_size("uncertainty", self.restitution_alone)
         if self.velocity_alone is not None:
             speed = "a speed of 0 m/s or more"
             require("velocity_uncertainty", self.velocity_alone, lambda u: u >= 0, speed)

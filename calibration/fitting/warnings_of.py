@@ -442,6 +442,10 @@ def _no_velocity_dependence(errors: Errors, restitution: Column, noise: Normal) 
         quantile = float(special.stdtrit(left, 0.975))
     if abs(slope) > quantile * error or (error == 0 and abs(slope) * np.ptp(velocity) > 1e-9):
         return None
+    if error == np.inf:
+        return (
+            f"the slope of restitution is {slope:.2g} per m/s, and two points do not tell its error"
+        )
     return f"the slope of restitution is {slope:.2g} ± {error:.2g} per m/s, 0 within its error"
 
 

@@ -169,6 +169,7 @@ def quality_table(result: Any) -> pd.DataFrame:
         }
         row = {"material": fit.name, "law": fit.model.label, "points": str(len(fit.standardised))}
         row |= {name: number(*value_and_digits) for name, value_and_digits in numbers.items()}
+        row |= {"P": "< 1e-300"} if fit.probability == 0 else {}
         rows.append(row | {"converged": "yes" if fit.converged else "NO"})
     table = pd.DataFrame(rows)
     empty = [name for name in table if (table[name] == ABSENT).all()]

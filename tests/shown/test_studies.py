@@ -306,6 +306,7 @@ def test_speed_is_microseconds_a_collision(monkeypatch, tmp_path):
         assert error < 1e-13 if row["family"] == "energy balance" else 1e-14 < error < 1e-5
         families.setdefault(row["family"], []).append((max(error, 1e-17), each))
         large += [each] * (batch > 4096)
+    assert ("grad" in made.out) == any(row["gradient_error"] for row in rows)  # no empty column
     (ax,) = made.figures["speed.png"].axes
     assert ax.get_xlabel() == r"largest error of $\varepsilon_p$ [-]"
     assert ax.get_ylabel() == "time per collision [µs]"

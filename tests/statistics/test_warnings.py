@@ -312,6 +312,11 @@ def test_which_way_the_scatter_goes_is_said_and_one_velocity_shows_no_slope(orde
     result = constant(np.array([1.0, -1.0, 0.5, 0.0]), np.full(4, 2.0))
     (warning,) = (one for one in result.warnings if one.code == "no-velocity-dependence")
     assert warning.cause == "all points have one velocity, 2 m/s"
+    result = cal.fit(cal.RestitutionData([1.0, 3.0], [0.8, 0.75]), "constant")
+    (warning,) = (one for one in result.warnings if one.code == "no-velocity-dependence")
+    assert "is -0.025 per m/s, and two points do not tell its error" in warning.cause
+    result = cal.fit(cal.RestitutionData([1.0, 3.0], [0.8, 0.7], uncertainty=1e-9), "constant")
+    assert "< 1e-300" in str(result)  # P of a χ² that has none
 
 
 def test_a_slope_s_error_has_the_scatter_that_is_estimated_in_addition():
