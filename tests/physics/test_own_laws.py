@@ -44,6 +44,33 @@ def test_what_a_law_tells_of_its_residual_overlap(route):
     assert known.coefficient**2 == pytest.approx(2 * 0.25 * 0.75, rel=1e-9)
 
 
+class Twice(sj.RateIndependentLaw):
+    """A spring whose force vanishes at a share of the peak recovered, and again at `back` of it."""
+
+    contact: sj.Contact
+    share: float
+    back: float
+
+    def loading_force(self, overlap):
+        return 1e6 * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        recovered = 1 - overlap / peak_overlap
+        return 1e6 * peak_overlap * (1 - recovered / self.share) * (1 - recovered / self.back)
+
+
+def test_unloading_ends_where_the_force_vanishes_first():
+    """The work back is that of a parabola."""
+    near, even = np.geomspace(1e-4, 0.24, 40), np.linspace(0.25, 0.93, 60)
+    left = 0.5 ** np.arange(6, 20)
+    share = np.concatenate([near, even, 1 - left])
+    beyond = (np.where(near < 2**-8, 3, 1) * near, 0 * even + 0.05, 0.75 * left)
+    back = share + np.concatenate(beyond)
+    hit = sj.restitution(Twice(STEEL, share, back), 1.0)
+    np.testing.assert_allclose(hit.coefficient**2, share * (1 - share / (3 * back)), rtol=1e-9)
+    np.testing.assert_allclose(hit.residual_overlap / hit.peak_overlap, 1 - share, rtol=1e-10)
+
+
 # laws given in the units of their scales
 
 
