@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from calibration.data import RestitutionData
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.errors import DataError
 from calibration.fitting.result import FitResult, fit
+
+AT_ONCE = 16  # sets that are fitted side by side
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,8 @@ class CoverageCase:
             limit_velocity=getattr(self.truth, "limit_velocity", None),
         )
 
-    def fit(self, data: RestitutionData, **options: Any) -> FitResult:
-        """Fit one data set."""
+    def fit(self, data: RestitutionData | Sequence[RestitutionData], **options: Any) -> FitResult:
+        """Fit one data set, or several side by side."""
         law = type(self.truth) if self.law is None else self.law
         route = sj.EnergyBalance() if self.objective == "two-step" else None
         settings = {"objective": self.objective, "route": route, **self.options, **options}
@@ -132,13 +134,21 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
         derived = [name for name in exact.materials[0].derived if name == "eps_up"]
         truth = {name: exact.values[name] for name in (*exact.covariance_names, *derived)}  # type: ignore[misc]
     rows, converged = [], 0
-    for k in range(sets):
-        result = case.fit(case.data(np.random.default_rng((*seed, k))), confidence=confidence)
-        converged += result.converged
-        estimates = (result.estimates[name] for name in truth)
-        rows.append([(e.value, e.standard_error, e.low, e.high) for e in estimates])
+    is_shared = any(getattr(parameter, "shared", False) for parameter in case.parameters.values())
+    at_once = 1 if is_shared else AT_ONCE
+    for first in range(0, sets, at_once):
+        several = [
+            replace(case.data(np.random.default_rng((*seed, k))), name=f"set {k}")
+            for k in range(first, min(first + at_once, sets))
+        ]
+        result = case.fit(several, confidence=confidence)
+        for material in result.materials:
+            converged += material.converged
+            label = "{}" if len(several) == 1 else f"{{}}[{material.name}]"
+            estimates = (result.estimates[label.format(name)] for name in truth)
+            rows.append([(e.value, e.standard_error, e.low, e.high) for e in estimates])
         if progress is not None:
-            progress(case.name, k + 1, sets)
+            progress(case.name, len(rows), sets)
     x, errors, low, high = np.array(rows, float).transpose(2, 1, 0)  # None becomes NaN
     is_open = np.isnan(low) & np.isnan(high)
     true = np.array(list(truth.values()), float)[:, None]
