@@ -133,9 +133,8 @@ class LawModel:
                 moved[name] = np.nextafter(value, np.inf) if value else np.finfo(float).tiny
             elif value == declared.upper and not declared.with_upper:
                 moved[name] = np.nextafter(value, -np.inf)
-        if self.law_type is sj.WaltonBraun and {*SPRINGS} <= {
-            *moved
-        }:  # the search goes on below k1
+        # the search goes on below k1
+        if self.law_type is sj.WaltonBraun and {*SPRINGS} <= {*moved}:
             moved[SPRINGS[1]] = max(moved[name] for name in SPRINGS)
         return moved
 
