@@ -115,26 +115,47 @@ def sensitivity(
     names, values = tuple(inputs.values), np.array(list(inputs.values.values()), float)
     filled = np.pad(velocity, (0, -len(velocity) % PADDING), mode="edge")
     with jax.enable_x64(True):
-        results = _scaled_jacobian(names, values, filled, inputs.build, route)
-    absolute, (coefficient, status) = jax.tree.map(
-        lambda x: np.asarray(x)[: len(velocity)], results
-    )
+        law, moved = _built(names, values, inputs.build)
+        results = _slopes(law, filled, route)
+    slopes, coefficient, status = (np.asarray(x)[..., : len(velocity)] for x in results)
+    absolute = np.column_stack([slopes[:-1].T @ moved, slopes[-1]]) + 0.0  # no -0
     declared = {name: inputs.declared(name) for name in (*names, VELOCITY)}
-    absolute = absolute + 0.0  # no -0
     return Sensitivities(declared, velocity, coefficient, absolute, status)
 
 
 @eqx.filter_jit
-def _scaled_jacobian(names: tuple[str, ...], values, velocity, build: Any, route: Any) -> Any:
-    """∂ε/∂s at s = 0 with θ (1 + s) for θ and v: θ ∂ε/∂θ, whatever θ's sign; ε and the status."""
+def _built(names: tuple[str, ...], values, build: Any) -> Any:
+    """The law, and ∂x/∂s of its m numbers at s = 0 with θ (1 + s): θ ∂x/∂θ, whatever θ's sign, (m, p)."""
 
-    def coefficient(s):
-        moved = dict(zip(names, values * (1 + s[:-1]), strict=True))
-        hit = sj.restitution(build(moved), velocity * (1 + s[-1]), route=route)
+    def numbers(s):
+        law = build(dict(zip(names, values * (1 + s), strict=True)))
+        single, shared = _single(law)
+        x = jnp.stack(jax.tree.leaves(single))  # of one type, whatever they are built of
+        return x, eqx.combine(jax.tree.unflatten(jax.tree.structure(single), list(x)), shared)
+
+    moved, law = jax.jacfwd(numbers, has_aux=True)(jnp.zeros(len(values)))
+    return law, moved
+
+
+@eqx.filter_jit
+def _slopes(law: sj.ContactLaw, velocity, route: Any) -> Any:
+    """∂ε/∂x of the law's numbers and v ∂ε/∂v, (m + 1, n), ε and the status: one program, whatever the inputs."""
+    single, shared = _single(law)
+    numbers, structure = jax.tree.flatten(single)
+
+    def coefficient(x):
+        law = eqx.combine(jax.tree.unflatten(structure, x[:-1]), shared)
+        hit = sj.restitution(law, velocity * x[-1], route=route)
         return hit.coefficient, (hit.coefficient, hit.status)
 
     # jacfwd maps all unit tangents through one linearised pass over the whole batch
-    return jax.jacfwd(coefficient, has_aux=True)(jnp.zeros(len(values) + 1))
+    slopes, others = jax.jacfwd(coefficient, has_aux=True)(jnp.stack([*numbers, 1.0]))
+    return slopes.T, *others
+
+
+def _single(law: sj.ContactLaw) -> Any:
+    """The law's single numbers, and its fields that impacts share."""
+    return eqx.partition(law, lambda leaf: jnp.ndim(leaf) == 0)
 
 
 @dataclass(frozen=True, eq=False)
