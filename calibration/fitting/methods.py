@@ -44,13 +44,13 @@ class Condensed(NamedTuple):
     def whitening(self, damping: Numbers) -> Float[np.ndarray, "fits p p"]:
         """T with Tᵀ (JᵀJ + damping) T = 1; columns of directions that are not seen are zero."""
         damped = np.sqrt(self.singular**2 + damping[:, None] * self.singular[:, :1] ** 2)
-        per = np.where(self.seen, 1 / np.where(self.seen, damped, 1.0), 0.0)
+        per = self.seen / np.where(self.seen, damped, 1.0)
         return self.directions * per[:, None, :] / self.size[:, :, None]
 
     @property
     def newton(self) -> Steps:
         """The Gauss–Newton step that is left, without the directions that are not seen."""
-        part = np.where(self.seen, self.along / np.where(self.seen, self.singular, 1.0), 0.0)
+        part = self.along * self.seen / np.where(self.seen, self.singular, 1.0)
         return -np.einsum("fij,fj->fi", self.directions, part) / self.size
 
     @property

@@ -251,7 +251,7 @@ def _decomposed(jacobian: Float[np.ndarray, "m p"], fixed=False):
     _, singular, directions = np.linalg.svd(filled, full_matrices=False)
     largest = np.max(singular, initial=0.0)
     is_seen = singular > RANK_TOLERANCE * largest
-    per = np.where(is_seen, 1 / np.where(is_seen, singular, 1.0), 0.0)
+    per = is_seen / np.where(is_seen, singular, 1.0)
     counted = np.arange(p) < min(m, np.sum(~fixed))
     share = np.sqrt(np.sum(np.where((counted & ~is_seen)[:, None], directions, 0.0) ** 2, axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):

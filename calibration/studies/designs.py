@@ -360,9 +360,8 @@ def _sought(
             progress("velocities", k + 1, starts)
     places, velocity = min(ends, key=lambda end: end[1])[0], grid
     for _ in range(REFINEMENTS):
-        chosen, last = velocity[places], len(velocity) - 1
-        around = [velocity[[max(k - 1, 0), min(k + 1, last)]] for k in np.unique(places)]
-        finer = [np.linspace(low, high, FINER) for low, high in around]
+        chosen, padded = velocity[places], np.pad(velocity, 1, "edge")
+        finer = [np.linspace(padded[k], padded[k + 2], FINER) for k in np.unique(places)]
         velocity = np.unique(np.concatenate([*finer, chosen]))
         start = np.searchsorted(velocity, chosen)
         places, _ = rule.exchanged(_table(plans, velocity), start)

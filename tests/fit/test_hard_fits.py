@@ -196,7 +196,7 @@ def test_a_network_follows_the_curve_and_its_predictions_have_errors():
     made = jax.tree.map(lambda leaf: leaf.astype(float) if eqx.is_array(leaf) else leaf, made)
     parameters = {"network": cal.Parameter(made)}
     data = cal.paper_materials()[0]
-    result = cal.fit(data, Learned, parameters, profiles=False, starts=1, max_steps=30)
+    result = cal.fit(data, Learned, parameters, profiles=False, starts=1, max_steps=20)
     assert result.rms < 0.002
     first, second = result.law.network.layers
     hidden = np.outer(np.log(data.velocity), np.asarray(first.weight)[:, 0])
