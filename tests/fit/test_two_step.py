@@ -15,6 +15,7 @@ from calibration import cli
 from tests import fit_oracle
 from tests.fit_data import TRUTH, eq_17_data, pair
 from tests.fit_oracle import own_model
+from tests.shown.capture import band, bars, drawn, line
 
 # found independently by least squares on the energy balance
 CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
@@ -378,6 +379,30 @@ radius = "10 mm"
 """
 
 
+def line_is_drawn(figure, result):
+    """The materials with their errors, the further one beside its band, the line dashed where it goes on."""
+    (ax,) = figure.axes
+    *fitted, further = ax.containers
+    for container, fit in zip(fitted, result.materials, strict=True):
+        chi, ratio = fit.parameters["chi"], float(fit.contact.yield_ratio)
+        assert container[0].get_data() == ([ratio], [chi.value])
+        ends = chi.value + stats.norm.ppf([0.025, 0.975]) * chi.standard_error
+        np.testing.assert_allclose(bars(container)[0, :, 1], ends)
+    c1, c2 = result.unloading_line.c1.value, result.unloading_line.c2.value
+    ((x,), (y,)), (ends,) = further[0].get_data(), bars(further)[:, :, 1]
+    assert (x, y) == pytest.approx((39.28, c1 + c2 * x), rel=1e-4)
+    for label, dashes in (("Eq. (18)", "-"), ("extrapolated", "--")):
+        at, height = line(ax, label)
+        within = (at >= 49.1) & (at <= 267.9)
+        np.testing.assert_array_equal(np.isfinite(height), within == (dashes == "-"))
+        np.testing.assert_allclose(height, np.where(np.isfinite(height), c1 + c2 * at, np.nan))
+        (drawn_line,) = (one for one in ax.get_lines() if one.get_label() == label)
+        assert drawn_line.get_linestyle() == dashes
+    at, low, high = band(ax, "95 % band of a further material\n(wider than the picture)")
+    np.testing.assert_allclose([np.interp(x, at, low), np.interp(x, at, high)], ends, rtol=1e-2)
+    assert [one[0].get_marker() for one in ax.containers] == ["o"] * len(fitted) + ["D"]
+
+
 def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, capsys):
     result = six[2]
     result.save(tmp_path / "fit.json")
@@ -387,7 +412,9 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     file.write_text(TOML, encoding="utf-8")
     out = tmp_path / "out"
     words = ["curve", str(file), "--line", str(tmp_path / "fit.json"), "--out", str(out)]
-    assert cli.main(words) == 0
+    with drawn() as figures:
+        assert cli.main(words) == 0
+    line_is_drawn(figures["line.png"], result)
     printed, error = capsys.readouterr()
     assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in printed
     assert "eps_up 0.9" in printed
