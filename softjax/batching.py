@@ -58,7 +58,7 @@ KEPT = 32  # compiled functions, those that were used last
 # Rows of impacts within a program: how many at a time.
 BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache
 FORWARD = 2048  # impacts, each with its tangents counting as one more
-GRADIENTS = 1024  # impacts, each with a long gradient: fewer take as long a step
+GRADIENTS = 512  # impacts, each with a long gradient: fewer take as long a step
 ON_GPU = 2**20  # impacts of any kind: thousands of threads wait for each other after every row
 MANY = 7  # directions: of more, as of a network, derivatives are taken by reverse mode, which costs less
 
