@@ -54,4 +54,4 @@ def loading(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
     work = integrate(lambda s: 2 * s * law.loading(s * s), zero, top, 20)
     turns = jnp.where(arrived, overlap < end, ~ends | (2.5 * (work / y) / y > 1))
     overlap = jnp.where(arrived & turns, overlap, SOME_PEAK)
-    return Peak(overlap, y, jnp.where(ends, end, 0.0), turns, arrived | ~turns, zero)
+    return Peak(overlap, y, end, turns, arrived | ~turns, zero)

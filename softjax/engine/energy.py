@@ -57,7 +57,7 @@ def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False
     some = jnp.where(jnp.isfinite(largest), 0.5 * (1 + largest), 2.0)
     velocity = jnp.where(turns, y, lax.stop_gradient(some))
     overlap = law.peak(velocity)
-    peak = Peak(overlap, velocity, _finite(law.end()), turns)
+    peak = Peak(overlap, velocity, law.end(), turns)
     residual, recovered, work = law.release(overlap)
     end = outcome.as_stated(law, overlap, UnloadingEnd(residual, recovered, residual > 0))
     back = Rebound(_share(work, velocity))
@@ -162,11 +162,6 @@ def _elastic_stage(law: ReducedClosedForm, y: Numbers) -> Numbers:
     return integrate(slowness, start, jnp.ones_like(start), ELASTIC_NODES)
 
 
-def _finite(end) -> Numbers:
-    end = jnp.asarray(end)
-    return jnp.where(jnp.isfinite(end), end, 0.0)
-
-
 def _loading(law: ReducedRateIndependent, y: Numbers) -> Peak:
     energy = 0.4 * y * y
     reach = outcome.loading_reach(law, y)
@@ -184,7 +179,7 @@ def _loading(law: ReducedRateIndependent, y: Numbers) -> Peak:
     # those without an answer take another one, which comes half as far
     overlap = jnp.where(turns, overlap, 0.5 * reach.rough)
     error = work_to(law, lax.stop_gradient(overlap)).error / energy
-    return Peak(overlap, y, _finite(reach.end), turns, error=error)
+    return Peak(overlap, y, reach.end, turns, error=error)
 
 
 def work_to(law: ReducedRateIndependent, x: Numbers) -> Integral:

@@ -143,7 +143,7 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
     turns = jnp.where(ends & arrived, overlap < reach.end, reach.turns)
     solved = arrived | ~turns
     overlap = jnp.where(turns & solved, overlap, 0.5 * length)
-    return Peak(overlap, y, jnp.where(ends, reach.end, 0.0), turns, solved, jnp.zeros_like(y))
+    return Peak(overlap, y, reach.end, turns, solved, jnp.zeros_like(y))
 
 
 def _passed(pull, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers, Flags]:

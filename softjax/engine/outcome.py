@@ -113,7 +113,7 @@ class Peak(NamedTuple):
         overlap: x_m; where there is no answer that of another collision, so that all that follows
             from it is a number.
         velocity: y of the collision that this is the peak of.
-        end: where the loading force vanishes, 0 where it never does.
+        end: where the loading force vanishes, infinite where it never does.
         turns, solved: whether the bodies come to rest at all, and whether the solver got there.
         error: of the impact's energy, relative to it.
     """
@@ -170,7 +170,7 @@ def assemble(
     """
     solved = peak.solved & ((back.solved & jnp.isfinite(back.energy)) | ~peak.turns)
     answered = peak.turns & solved
-    end = jax.lax.stop_gradient(jnp.where(solved, peak.end, 0.0))
+    end = jax.lax.stop_gradient(jnp.where(solved & jnp.isfinite(peak.end), peak.end, 0.0))
     exact = (peak.error + back.error <= SETTLED[str(peak.velocity.dtype)]) & unloaded.clean
     overlap = jnp.where(answered, peak.overlap, end)
     conditions = {

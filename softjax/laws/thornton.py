@@ -67,10 +67,6 @@ class Thornton(RateIndependentLaw, final=True):
         )
         return Scales(yielding.critical_overlap, yielding.critical_velocity)
 
-    def elastic_velocity(self):
-        """V_y [m/s]."""
-        return self.scales().velocity
-
     def reduced(self) -> "ReducedThornton":
         return ReducedThornton()
 

@@ -1,11 +1,12 @@
 """Walton and Braun's bilinear hysteretic spring."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from softjax.checks import ArgumentError, is_traced, shown
 from softjax.contact import Contact
-from softjax.fields import Flags, Number, Numbers, number_field
+from softjax.fields import Flags, Number, Numbers, check_fields, number_field
 from softjax.laws.base import RateIndependentLaw
 from softjax.laws.reduced import Reduced, ReducedClosedForm, Scales
 
@@ -45,18 +46,12 @@ class WaltonBraun(RateIndependentLaw, final=True):
     growth: Number = number_field("s", "1/m", "growth", within="[0, inf)", default=0.0)
 
     def __check_init__(self):
-        loading, unloading = self.loading_stiffness, self.unloading_stiffness
-        # anything that is no array of numbers is a placeholder of JAX's own, or has its own refusal
+        check_fields(self)  # what is compared are numbers, or placeholders of JAX's own
+        loading, unloading = both = self.loading_stiffness, self.unloading_stiffness
         known = all(
-            isinstance(a, float)
-            or getattr(getattr(a, "dtype", None), "kind", None) in ("f", "i", "u")
-            for a in (loading, unloading)
+            isinstance(x, float | np.ndarray | jax.Array) and not is_traced(x) for x in both
         )
-        if not known or is_traced(loading) or is_traced(unloading):
-            return
-        stiff = np.asarray(loading)
-        # where it is not finite its own check finds it
-        if np.any((np.asarray(unloading) < stiff) & np.isfinite(stiff)):
+        if known and np.any(np.asarray(unloading) < np.asarray(loading)):
             raise ArgumentError(
                 "`unloading_stiffness` must be at least `loading_stiffness` "
                 f"({shown(loading)} N/m), but is {shown(unloading)}"
