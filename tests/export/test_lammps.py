@@ -155,8 +155,10 @@ def meeting(x: float, y: float, velocity: float, drift_x: float, drift_y: float)
 STATED = 'print "RESULT $(vx[1]:%.17g) $(vx[2]:%.17g) $(x[1]:%.17g)"'
 
 
-@pytest.mark.parametrize("at", [20, 75])  # loading, unloading
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize(
+    ("at", "ranks"),  # loading and unloading
+    [(20, 2), (75, 1), *(pytest.param(*row, marks=pytest.mark.long) for row in ((20, 1), (75, 2)))],
+)
 def test_a_restart_in_mid_contact_changes_nothing(at, ranks, plugin):
     """By one process, or of two, of which the first has no contact, the second two spheres that touch."""
     folder, step = plugin[0], f"timestep {float(sj.restitution(STEEL, 5.0).duration) / 100!r}"

@@ -146,13 +146,16 @@ def _of_squared(w_squared: float):
     return [(b, (a - c) / (2 * step), (a - 2 * b + c) / step**2) for a, b, c in rows]
 
 
-def viscoelastic(n) -> Collision:
+def viscoelastic(n, alone=False) -> Collision:
     """By Taylor series, in units of v and (M v²/k)^{2/5}; P = 0 where δ = -(3/2) A δ'."""
     rate, v = _stiffness(n) / n["mass"], n["velocity"]
     w_squared = mpf("1.5") * n["dissipation_time"] * rate ** mpf("0.4") * v ** mpf("0.2")
-    near = float(f"{float(w_squared):.9g}")  # so that differences share a few integrations
-    by = mp.log(w_squared / near)
-    found = closed_forms.Collision(*(a + by * (b + by * c / 2) for a, b, c in _of_squared(near)))
+    if alone:
+        found = closed_forms.of_squared(w_squared)
+    else:
+        near = float(f"{float(w_squared):.9g}")  # so that differences share a few integrations
+        by, parts = mp.log(w_squared / near), _of_squared(near)
+        found = closed_forms.Collision(*(a + by * (b + by * c / 2) for a, b, c in parts))
     length = (v**2 / rate) ** mpf("0.4")
     left = mpf("1.5") * n["dissipation_time"] * found.restitution * v
     return Collision(found.restitution, length * found.peak, left, length / v * found.duration)
