@@ -58,6 +58,7 @@ def test_parameters_are_freed_and_fixed_as_requested(at):
     known = saved(*options, "--free", "yield_strength=4e5", "--fix", "psi")["information"]
     assert set(known["standard_errors"]) == {"chi", "sigma", "contact.yield_strength"}
     assert known["standard_errors"]["contact.yield_strength"] < 4e5
+    assert known["velocity"][0] == 0.2 == min(known["velocity"])
     open_ = saved(*options, "--free", "yield_strength", "--fix", "psi")["information"]
     assert open_["standard_errors"]["contact.yield_strength"] > 4e5
 
