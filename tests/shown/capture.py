@@ -1,13 +1,17 @@
-"""Pictures that commands save, caught as Matplotlib's figures."""
+"""Pictures that commands save, caught as Matplotlib's figures, and how they look."""
 
+import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+RECORDED = Path(__file__).with_name("looks.json")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -65,3 +69,31 @@ def band(ax, label: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def bars(container, which: int = 0) -> np.ndarray:
     """Ends of error bars: across (0) or up (-1)."""
     return np.array(container[2][which].get_segments())
+
+
+def looks(figure: Figure) -> list[str]:
+    """Its size, and a line for each of its axes: place, ticks, lines, and where texts stand."""
+    rounded = lambda *numbers: " ".join(f"{x:.4g}" for x in np.hstack(numbers))  # noqa: E731
+    rows = [rounded(figure.get_size_inches())]
+    for ax in figure.axes:
+        parts = [rounded(ax.get_subplotspec().get_geometry()[:3])]
+        for axis in (ax.xaxis, ax.yaxis):
+            ticks, ends = axis.get_ticklocs(), sorted(axis.get_view_interval())
+            parts.append(rounded(ticks[(ticks >= ends[0]) & (ticks <= ends[1])]))
+        for x in ax.get_lines():
+            dashes = rounded(x._unscaled_dash_pattern[1] or ())
+            parts.append(f"{x.get_marker()} {to_hex(x.get_color())} {x.get_linewidth():g} {dashes}")
+        parts += [f"{rounded(x.get_position(), x.get_rotation())} {x.get_ha()}" for x in ax.texts]
+        rows.append(" | ".join(parts))
+    return rows
+
+
+def looks_as_recorded(name: str, figures: dict[str, Figure]) -> None:
+    """As `looks.json` has it; SOFTJAX_LOOKS=1 records it."""
+    recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
+    found = {file: looks(figure) for file, figure in figures.items()}
+    if "SOFTJAX_LOOKS" in os.environ:
+        text = json.dumps(recorded | {name: found}, indent=1, sort_keys=True)
+        RECORDED.write_text(f"{text}\n", encoding="utf-8")
+    else:
+        assert found == recorded[name]

@@ -15,7 +15,7 @@ import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS, fitted
 from tests.command import BODIES, run
-from tests.shown.capture import band, labels, legend, line
+from tests.shown.capture import band, labels, legend, line, looks_as_recorded
 from tests.shown.conftest import shown
 from tests.shown.tables import cells
 from tests.shown.test_fit import EPSILON, SPEED, axes_of, best, curve
@@ -63,6 +63,7 @@ def test_sensitivities_over_velocity(studied):
     (ax,) = studied.figures["sensitivity.png"].axes
     assert straight(ax) == [0]
     assert axes_of(ax.figure) == [("", SPEED, f"sensitivity {EFFECT}", "log")]
+    looks_as_recorded("sensitivity", studied.figures)
     yields = float(fitted("nylon").contact.critical_velocity)
     assert line(ax, r"yield, $v_\mathrm{cr}$")[0].tolist() == [yields, yields]
     rows = list(csv.DictReader(studied.text("sensitivity.csv").splitlines()))
