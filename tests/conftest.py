@@ -41,6 +41,8 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(trylast=True)  # after those that -m and -k leave out
 def pytest_collection_modifyitems(config, items):
+    # first those that clear what is compiled: others need not trace it again
+    items.sort(key=lambda item: item.path.name != "test_compilation.py")
     if part := config.getoption("--part"):
         k, count = map(int, part.split("/"))
         if not 1 <= k <= count:
