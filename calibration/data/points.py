@@ -120,8 +120,8 @@ def read_rows(
 ) -> Rows:
     """The used columns of a table (see `RestitutionData.from_table`).
 
-    `ball`: diameter, mass and density of what flies, None where not known. `of_file`: whether a bare
-    number is refused next to a column in another unit than SI's, and assumed units are a remark.
+    `ball`: diameter, mass and density of what flies, None where not known. `of_file`: whether assumed
+    units are a remark.
     """
     headers = getattr(table, "columns", None)  # a frame's
     headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
@@ -144,7 +144,7 @@ def read_rows(
     for name in uncertainties:
         if name not in columns:
             raise DataError(name, "given", f"left out with {' and '.join(kind.needs)}")
-    for name in {*UNCERTAINTIES} & {*columns} if of_file else ():
+    for name in {*UNCERTAINTIES} & {*columns}:
         _check_unit(name, uncertainties.get(name), layout)
     if group is not None:
         if "group" in columns:
@@ -218,15 +218,12 @@ def _check_unit(name: str, for_all: Any, layout: Layout) -> None:
     values = [base] if base in written or name == "uncertainty" else layout.kind.needs
     units = [written.get(column) for column in values if SI_UNITS.get(column) == si]
     other = next((unit for unit in units if unit is not None and unit_of(unit, si) != 1), None)
-    if written[name] is not None or other is None:
-        return
-    if for_all is None:
-        accepted = f"`{name} [{si}]` or `{name} [{other}]`"
-        raise DataError(name, f"without a unit next to [{other}]", accepted)
-    if si != "1":
-        accepted = f'one of "{for_all} {si}" or "{for_all} {other}"'
-        raise DataError(name, f"{for_all}, without a unit next to [{other}]", accepted)
-    require(name, np.atleast_1d(for_all), lambda u: u <= 1, f"of ε itself, 0.02 for 2 [{other}]")
+    if written[name] is None and other is not None:
+        value, either = f"without a unit next to [{other}]", (si.replace("1", "-"), other)
+        if for_all is None:
+            raise DataError(name, value, " or ".join(f"`{name} [{unit}]`" for unit in either))
+        accepted = " or ".join(f'"{for_all} {unit}"' for unit in either)
+        raise DataError(name, f"{for_all}, {value}", f"one of {accepted}")
 
 
 def _launches(labels: np.ndarray) -> np.ndarray:

@@ -72,7 +72,7 @@ def quantity(text: str, si: str) -> float:
 
 def parted(text: str, si: str) -> tuple[float, str]:
     """The number and the unit of such a text."""
-    match = re.fullmatch(rf"({NUMBER})\s*([^\d\s.,eE+-].*)", text.strip()[:LONGEST])
+    match = re.fullmatch(rf"({NUMBER})\s*([^\d\s.,eE+-].*|-)", text.strip()[:LONGEST])
     if match is None:
         example = NAMED.get(si, si).split()[0]
         raise DataError("quantity", repr(text), f"a number, or one with its unit, `1.5 {example}`")

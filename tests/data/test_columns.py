@@ -150,7 +150,7 @@ def test_of_several_complete_sets_of_columns_the_first_is_used(columns, velocity
     [
         ({"e": 0.5, "uncertainty [%]": 2.0, "u_v [%]": 5.0}, 0.01, 0.1),  # of the value itself
         ({"e [%]": 50.0, "uncertainty [%]": 2.0, "u_v [%]": 5.0}, 0.02, 0.1),  # points of ε
-        ({"e [%]": 50.0, "uncertainty": 0.02}, 0.02, None),
+        ({"e [%]": 50.0, "uncertainty [-]": 0.02}, 0.02, None),
     ],
 )
 def test_what_a_percentage_is_of(columns, uncertainty, velocity_uncertainty):
@@ -160,8 +160,9 @@ def test_what_a_percentage_is_of(columns, uncertainty, velocity_uncertainty):
         assert data.velocity_uncertainty is None
         return
     assert data.velocity_uncertainty[0] == pytest.approx(velocity_uncertainty, rel=1e-14)
-    for_all = READ({"v": [2.0], "e [%]": [50.0]}, uncertainty="2 %")
-    assert for_all.uncertainty[0] == pytest.approx(0.02, rel=1e-14)
+    for stated in ("2 %", "0.02 -"):
+        for_all = READ({"v": [2.0], "e [%]": [50.0]}, uncertainty=stated)
+        assert for_all.uncertainty[0] == pytest.approx(0.02, rel=1e-14)
     words = "percentage points" if "e [%]" in columns else "relative to its quantity"
     assert any("uncertainty in %" in remark and words in remark for remark in data.remarks)
 

@@ -158,8 +158,8 @@ TOML_FILES = {
     "an uncertainty without a unit beside centimetres": ("m.csv:1", 'height_uncertainty|0.2|"0.2 m" or "0.2 cm"', TOML + "height_uncertainty = 0.2\n", under("h0 [cm],h1 [cm]", "50,32")),
     "a column of uncertainties without a unit beside centimetres": ("m.csv:1", "height_uncertainty|[cm]|`height_uncertainty [m]` or `height_uncertainty [cm]`", TOML, under("h0 [cm],h1 [cm],height_uncertainty", "50,32,0.2")),
     "uncertainties of contact times without a unit": ("m.csv:1", "contact_time_uncertainty|[us]", TOML, under("v,e,contact_time [us],u_tc", "1,0.9,40,2")),
-    "uncertainties without a unit beside percent": ("m.csv:1", "uncertainty|[%]|`uncertainty [1]` or `uncertainty [%]`", TOML, under("v,e [%],u(e)", "1,90,2")),
-    "an uncertainty of more than one beside percent": ("m.csv:2", "uncertainty|2|0.02 for 2 [%]", TOML + "uncertainty = 2\n", under("v,e [%]", "1,90")),
+    "uncertainties without a unit beside percent": ("m.csv:1", "uncertainty|[%]|`uncertainty [-]` or `uncertainty [%]`", TOML, under("v,e [%],u(e)", "1,90,2")),
+    "an uncertainty without a unit beside percent": ("m.csv:1", 'uncertainty|0.4|"0.4 -" or "0.4 %"', TOML + "uncertainty = 0.4\n", under("v,e [%]", "1,90")),
     "repeats": ("m.toml:9", 'average_repeats|"yes"|true|false|"pooled"', TOML + 'average_repeats = "yes"\n'),
     "repeats of a train": ("m.toml:9", "average|repeats|sequences", TOML + "average_repeats = true\n", under("interval", "0.5", "0.45", "0.4")),
     "fit as a value": ("m.toml:1", "fit is 3|table", "fit = 3\n" + TOML),
@@ -239,6 +239,7 @@ COLUMNS = {
     "a timing in millimetres": ("unit of interval_uncertainty", "[mm]|s, ms, us", TRAIN, {"interval_uncertainty": "1 mm"}),
     "groups of another length": ("group", "as long as `interval`, 3", TRAIN, {"group": ["a"]}),
     "percent of a time": ("timing_uncertainty", "percent|s, ms", {"time": [0, 1, 1.9]}, {"timing_uncertainty": "1 %"}),
+    "an uncertainty without a unit next to centimetres": ("height_uncertainty", '"0.2 m" or "0.2 cm"|[cm]', {"h0 [cm]": [50], "h1 [cm]": [32]}, {"height_uncertainty": 0.2}),
     "no gravity": ("gravity", "0|positive acceleration", TRAIN, {"gravity": 0.0}),
     "a word for gravity": ("gravity", "strong|positive acceleration", TRAIN, {"gravity": "strong"}),
 }  # fmt: skip
