@@ -155,10 +155,10 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
     inside = np.where(is_open, np.nan, ~(low > true) & ~(high < true))
     known = np.where(np.isfinite(errors), x, np.nan)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of a parameter that no set determines
+        warnings.simplefilter("ignore", RuntimeWarning)  # no set determines it, or it is one set
         covered, error = np.nanmean(inside, axis=1), np.nanmean(errors**2, axis=1) ** 0.5
         spread, bias = np.nanstd(known, axis=1), np.nanmean(known - true, axis=1) / error
+        statistics = covered, np.mean(is_open, axis=1), spread, error, error / spread, bias
     x, errors, low, high = (dict(zip(truth, a, strict=True)) for a in (x, errors, low, high))
-    statistics = covered, np.mean(is_open, axis=1), spread, error, error / spread, bias
     shares = (dict(zip(truth, column.tolist(), strict=True)) for column in statistics)
     return Coverage(case.name, truth, x, errors, low, high, converged / sets, *shares)

@@ -249,6 +249,8 @@ def test_what_simulated_sets_say_is_what_they_are_made_of():
     x, error, low, high = (
         part["yield_factor"] for part in (found.estimates, found.errors, found.low, found.high)
     )
+    first = study("thornton, stated", 1).estimates["yield_factor"]
+    np.testing.assert_allclose(first, x[:1], rtol=1e-6)
     assert found.covered["yield_factor"] == np.mean((low <= 1.6) & (high >= 1.6))
     np.testing.assert_allclose(np.log(high / x), stats.norm.ppf(0.975) * error / x, rtol=1e-6)
     assert found.spread["yield_factor"] == pytest.approx(np.std(x))

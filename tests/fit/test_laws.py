@@ -108,11 +108,13 @@ def test_without_elastic_properties_eq_17_or_a_constant_is_fitted():
     assert isinstance(result.law, sj.EmpiricalRestitution)
     assert result.covariance_names == ("sigma", "psi")
     flat = cal.RestitutionData(np.linspace(1, 3, 12), 0.9 + 0.01 * (-1.0) ** np.arange(12))
-    constant = cal.fit(flat)
-    assert constant.settings["law"] == "constant"
-    assert constant.values["restitution"] == pytest.approx(0.9, abs=1e-9)
-    expected = np.std(flat.restitution, ddof=1) / np.sqrt(12)
-    assert constant.standard_errors["restitution"] == pytest.approx(expected, rel=1e-6)
+    alike = cal.RestitutionData(np.full(12, 2.0), flat.restitution, velocity_uncertainty=0.1)
+    for data in (flat, alike):
+        constant = cal.fit(data)
+        assert constant.settings["law"] == "constant"
+        assert constant.values["restitution"] == pytest.approx(0.9, abs=1e-9)
+        expected = np.std(data.restitution, ddof=1) / np.sqrt(12)
+        assert constant.standard_errors["restitution"] == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_parameter_may_have_a_unit_which_tables_and_files_keep(tmp_path):
