@@ -13,7 +13,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from softjax.checks import as_real, check
 from softjax.contact import Contact
 from softjax.fields import Number, Numbers, choice_field, number_field
 from softjax.laws._series import series
@@ -142,21 +141,6 @@ class HertzDashpot(RateDependentLaw, final=True):
     contact: Contact
     restitution: Number = number_field(*SET_RESTITUTION)
     end: End = choice_field(*ENDS)
-
-    @classmethod
-    def from_damping(
-        cls, contact: Contact, alpha: Number, end: End = "zero-overlap"
-    ) -> "HertzDashpot":
-        """The law of a given dashpot coefficient α in [0, √5) [-], as other programs take it.
-
-        Raises:
-            ValueError: naming the argument, its value and what is accepted.
-        """
-        alpha = as_real(alpha)
-        accepted = "a dashpot coefficient in [0, √5)"
-        check("alpha", alpha, lambda a: (a >= 0) & (a < math.sqrt(5)), accepted)
-        fraction = jnp.asarray(alpha) / math.sqrt(5)
-        return cls(contact, jnp.exp(-math.pi * fraction / jnp.sqrt(1 - fraction**2)), end)
 
     def reduced(self) -> "ReducedHertzDashpot":
         return ReducedHertzDashpot(damping_fraction(self.restitution), self.end)

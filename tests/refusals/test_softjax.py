@@ -45,7 +45,6 @@ SPHERES = {"material_1": BODY, "material_2": BODY, "radius_1": RADIUS, "radius_2
 CALLS = {name: partial(replace, example) for name, example in MADE.items()} | {
     "spheres": call(sj.Contact.between_spheres, **SPHERES),
     "wall": call(sj.Contact.with_wall, material=BODY, wall=BODY, radius=RADIUS),
-    "from_damping": call(sj.HertzDashpot.from_damping, contact=PAIR, alpha=0.3),
     "empirical": call(sj.empirical_restitution, velocity=1.0, limit_velocity=340.0, sigma=3, psi=1),
     "thornton": call(sj.thornton_restitution, contact=PAIR, velocity=1.0, yield_factor=1.0),
     "restitution": call(sj.restitution, law=LAW, velocity=1.0),
@@ -88,7 +87,6 @@ NUMBERS = {
     "Linear stiffness": (POSITIVE, "a positive"),
     "Linear restitution": (SHARE, "(0, 1]"),
     "HertzDashpot restitution": (SHARE, "(0, 1]"),
-    "from_damping alpha": ([-1.0, 2.24], ""),
     "Viscoelastic dissipation_time": (OR_ZERO, "zero or more"),
     "Constant restitution": ([-0.1, 1.1, np.array([0.5, 2.0])], "[0, 1]"),
     "Eq. 17 limit_velocity": (POSITIVE, "a positive"),
