@@ -15,9 +15,9 @@ from calibration.rounding import ABSENT, number
 WHOLE = 1000  # larger elpd, AIC and BIC are rounded to whole numbers
 EXPLAINED = (
     "Sorted by elpd, the expected log predictive density: each point is predicted by the fit without "
-    "it. Δelpd: difference to the best law ± its standard error; below two standard errors it is a "
-    "tie. Weight: share in the mixture of laws that predicts best. LOO rms: rms of the predictions of "
-    "points left out. k: number of fitted parameters."
+    "it. Δelpd: difference to the best law ± its standard error; below two standard errors and below 4 "
+    "it is a tie. Weight: share in the mixture of laws that predicts best. LOO rms: rms of the "
+    "predictions of points left out. k: number of fitted parameters, unknown variances among them."
 )
 
 

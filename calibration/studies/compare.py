@@ -2,11 +2,13 @@
 
     elpd = Σ_i ln p(ε_i | all data but point i)        expected log predictive density
 
-Differences between laws come with their standard error over the points; below twice that error two
-laws are a tie. Stacking weights are those with which a mixture of the laws predicts best.
+Differences between laws come with their standard error over the points; two laws are a tie where the
+difference is below twice that error and below 4: where few points make the difference, their error is as
+large and says nothing. Stacking weights are those with which a mixture of the laws predicts best.
 
 Source: Vehtari, Gelman and Gabry, Stat. Comput. 27, 1413 (2017); stacking: Yao, Vehtari, Simpson
-and Gelman, Bayesian Anal. 13, 917 (2018).
+and Gelman, Bayesian Anal. 13, 917 (2018); small differences: Sivula, Magnusson, Matamoros and Vehtari,
+arXiv:2008.10296 (2020).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,6 +30,7 @@ from calibration.options import LAW_OPTIONS, OF_ONE_FIT, FitOptions, documented
 FIXED_YIELD = "thornton-fixed"  # Thornton's law without a free parameter
 FEWEST = 6  # points: three parameters, one point left out, and something to judge by
 TIE = 2.0  # standard errors of a difference
+NEAR = 4.0  # elpd
 ROUNDING = 1e-6  # of a difference between laws with the same curve
 SAME_CURVE = 1e-6  # of ε at every point
 STACKING_ROUNDS = 5000
@@ -79,8 +82,8 @@ class Difference(NamedTuple):
 
     @property
     def is_tie(self) -> bool:
-        """Whether it is 0 within `TIE` standard errors."""
-        return abs(self.value) < TIE * self.standard_error + ROUNDING
+        """Whether it is below `TIE` standard errors, and below `NEAR`."""
+        return abs(self.value) < min(TIE * self.standard_error + ROUNDING, NEAR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +123,9 @@ class Entry:
 
     @property
     def fitted(self) -> int:
-        """Number of fitted parameters."""
-        return len(self.result.covariance_names)
+        """Number of fitted parameters, unknown variances among them."""
+        errors = [e for fit in self.result.searched() for e in fit.final.problem.errors]
+        return len(self.result.covariance_names) + sum(len(e.unknown) for e in errors)
 
     @property
     def warnings(self) -> tuple[FitWarning, ...]:
@@ -270,17 +274,21 @@ def _noise_and_lead(data: RestitutionData, scored: Sequence[Entry]) -> Iterator[
     best, *others = [entry for entry in scored if entry.same_as is None]
     if not others:
         return
-    second = others[0]
-    ahead, differences = best.ahead_of(second)
-    by = f"{ahead.value:.2g} ± {ahead.standard_error:.2g} in elpd"
-    if ahead.is_tie:
-        yield f"The data do not decide between {best.label} and {second.label}, {by} behind."
+    behind = {entry.label: best.ahead_of(entry) for entry in others}
+    text = {
+        law: f"{d.value:.2g} ± {d.standard_error:.2g} in elpd" for law, (d, _) in behind.items()
+    }
+    tied = [f"{law} ({text[law]} behind)" for law, (ahead, _) in behind.items() if ahead.is_tie]
+    if tied:
+        yield f"The data do not decide between {best.label} and {listed(tied)}."
         return
+    second, (_, differences) = next(iter(behind.items()))
     wins = f"it predicts {int(np.sum(differences > 0))} of {len(differences)} points better"
     if len(differences) == len(data):  # ε of each impact, and nothing else
         best_velocities = data.velocity[np.argsort(-differences)[: max(len(differences) // 5, 1)]]
-        wins += f", most at {np.min(best_velocities):.3g} to {np.max(best_velocities):.3g} m/s"
-    yield f"{best.label} is best: ahead of {second.label} by {by}; {wins}."
+        ends = (f"{end(best_velocities):.3g}" for end in (np.min, np.max))
+        wins += f", most at {' to '.join(dict.fromkeys(ends))} m/s"
+    yield f"{best.label} is best: ahead of {second} by {text[second]}; {wins}."
 
 
 def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:

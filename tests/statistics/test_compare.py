@@ -135,8 +135,11 @@ def test_weights_make_the_mixture_predict_best_and_ties_are_below_two_standard_e
     assert score(found) <= best.fun + 1e-8
     assert np.max(found) < 1  # a mixture, else any rule would do
     of = type(comparison.entries[0].delta_elpd)
-    ties = [of(value, 0.5).is_tie for value in (-0.99, -1.01, 0.0)]
-    assert ties == [True, False, True]
+    cases = (-0.99, 0.5), (-1.01, 0.5), (0.0, 0.5), (-3.9, 9.0), (-4.1, 9.0)  # below 4 as well
+    assert [of(*case).is_tie for case in cases] == [True, False, True, True, False]
+    (why,) = (note for note in comparison.notes if note.startswith("The data do not decide"))
+    for entry in comparison.entries[1:]:
+        assert (entry.label in why) == entry.delta_elpd.is_tie
 
 
 @pytest.mark.parametrize(
@@ -161,6 +164,8 @@ def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, no
     by = f"by {np.sum(apart):.2g} ± {second.delta_elpd.standard_error:.2g} in elpd"
     assert why.startswith(f"{best.label} is best: ahead of {second.label} {by}")
     assert f"it predicts {np.sum(apart > 0)} of 30 points better, most at " in why
+    fitted = best.result.likelihood.fitted
+    assert fitted == best.fitted == 2 + (options == {"extra_scatter": True})  # the k of AIC
     assert why in " ".join(str(comparison).split())
 
 
