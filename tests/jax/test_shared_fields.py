@@ -1,6 +1,7 @@
 """Fields that all impacts share: a network's weights and a table's entries beside numbers of each impact."""
 
 import itertools
+from functools import lru_cache
 
 import diffrax
 import equinox as eqx
@@ -128,7 +129,9 @@ class Shared(sj.HardSphereLaw):
         return self.a * jax.tree.leaves(self.w)[0][0] + 0 * velocity
 
 
-NETWORK = Networked(STEEL, eqx.nn.MLP(2, "scalar", 8, 1, jax.nn.softplus, key=jax.random.key(0)))
+@lru_cache
+def network():
+    return Networked(STEEL, eqx.nn.MLP(2, "scalar", 8, 1, jax.nn.softplus, key=jax.random.key(0)))
 
 
 def by_gauss(law, velocity=VELOCITY):
@@ -146,7 +149,7 @@ def by_gauss(law, velocity=VELOCITY):
 )
 def test_a_network(route):
     """Values by Gauss's rule; slopes along a random direction through all weights by its differences."""
-    weights, rest = eqx.partition(NETWORK, eqx.is_inexact_array)
+    weights, rest = eqx.partition(network(), eqx.is_inexact_array)
     draw = np.random.default_rng(1)
     along = jax.tree.map(lambda w: draw.normal(size=np.shape(w)), weights)
 
@@ -246,8 +249,8 @@ def test_slopes_in_many_numbers_of_a_dashpot(route, end, bound):
 
 
 def test_networks_that_are_no_numbers():
-    assert bool(NETWORK.is_valid())
-    broken = eqx.tree_at(lambda law: law.network.layers[0].bias, NETWORK, np.full(8, np.nan))
+    assert bool(network().is_valid())
+    broken = eqx.tree_at(lambda law: law.network.layers[0].bias, network(), np.full(8, np.nan))
     assert not bool(broken.is_valid())
     law = Shared(0.5, {"a": np.array([0.2]), "b": np.zeros(2)})
     law = eqx.tree_at(lambda law: law.w["b"], law, np.array([0.1, np.nan]))

@@ -37,12 +37,18 @@ def needed(name):
     except ModuleNotFoundError:
         if "SOFTJAX_TEST_EXTRAS" in os.environ:
             raise
-        pytest.skip("pip install softjax-contact[test-bayes]", allow_module_level=True)
+        pytest.skip("pip install softjax-contact[test-bayes]")
 
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23 announces 1.0
-    blackjax, az, xarray = needed("blackjax"), needed("arviz"), needed("xarray")
+blackjax = az = xarray = None
+
+
+@pytest.fixture(scope="module", autouse=True)
+def samplers():
+    """Imported by the worker that has these tests, not by every one that collects them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # ArviZ 0.23 announces 1.0
+        globals().update(blackjax=needed("blackjax"), az=needed("arviz"), xarray=needed("xarray"))
 
 
 def made(**groups):
