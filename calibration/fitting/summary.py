@@ -17,7 +17,7 @@ from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted
 from calibration.fitting.uncertainty import NULL_SHARE, RANK_TOLERANCE, leverages, quantile
 from calibration.fitting.warnings import FitWarning
-from calibration.fitting.warnings_of import Found, of_component, of_set, raised
+from calibration.fitting.warnings_of import NOISELESS, Found, of_component, of_set, raised
 from calibration.observables import RESTITUTION
 from calibration.parameters import NONE
 
@@ -27,7 +27,6 @@ MOST_OUTLIERS = 100  # of one data set
 NO_ERRORS = 1e-9  # of ε: residuals below are none
 DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
 PLAIN: dict[str, Any] = {"optimiser": "levenberg-marquardt", "starts": 4}
-NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
 
 
 def summarise(

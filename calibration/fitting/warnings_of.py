@@ -47,6 +47,8 @@ STATIONS = 32
 # rise no larger than that may be made of what the two searches left undone.
 LEFT_UNDONE = 1e-8
 LEAST_NOISE = 1e-10  # of ε: less is no noise
+NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
+CURVE = f"The data are a curve without noise: the law misses it ({OTHER_LAWS})."
 LAW_OR_GROUPS = (
     f"The law misses a trend ({OTHER_LAWS}), or other points belong together than those of the "
     "groups; intervals are too narrow."
@@ -292,14 +294,16 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
 
 def _of_residuals(part: MaterialFit, goodness: Goodness, errors: Errors, standardised) -> Found:
     """Whether noise explains how far the points of an observable are from the curve."""
-    misfit, advice = None, LAW_OR_GROUPS if errors.shares else ""
+    misfit, advice, of_curve = None, LAW_OR_GROUPS if errors.shares else "", False
     if errors.is_stated:
         misfit = _misfit(goodness, errors.degrees)
     elif part.objective == "two-step" and part.rms_empirical is not None:
         misfit = _misfit_about_eq_17(part, part.rms_empirical)
-    yield "model-misfit", misfit
+        of_curve = part.rms_empirical < NOISELESS
+    yield "model-misfit", misfit, CURVE if of_curve else ""
     yield "stated-uncertainty", None if misfit else _far_from_stated(goodness, errors)
-    yield "residual-runs", runs(errors.velocity, standardised), advice
+    if not of_curve:
+        yield "residual-runs", runs(errors.velocity, standardised), advice
 
 
 def _misfit(goodness: Goodness, of_noise: float | None) -> str | None:
@@ -326,11 +330,14 @@ def _misfit_about_eq_17(part: MaterialFit, about_eq_17: float) -> str | None:
     Scatter at rounding level is no noise estimate, but then a larger rms is a misfit all the same.
     """
     degrees, of_noise = max(part.residual_degrees, 1), max(part.n - 2, 1)
-    rms, scatter = part.rms * np.sqrt(part.n / degrees), about_eq_17 * np.sqrt(part.n / of_noise)
-    ratio = (rms / max(scatter, 1e-16)) ** 2
-    if ratio <= special.fdtri(degrees, of_noise, CONFIDENCE) or rms < 1e-9:
+    ratio = (part.rms / max(about_eq_17, 1e-16)) ** 2 * of_noise / degrees
+    if ratio <= special.fdtri(degrees, of_noise, CONFIDENCE) or part.rms < NOISELESS:
         return None
-    return f"rms {rms:.3g} where the scatter about Eq. (17) is {scatter:.3g}"
+    exact = about_eq_17 < NOISELESS
+    of_eq_17 = (
+        "the data follow Eq. (17) exactly" if exact else f"that of Eq. (17) is {about_eq_17:.3g}"
+    )
+    return f"rms {part.rms:.4g} where {of_eq_17}"
 
 
 def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:

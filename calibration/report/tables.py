@@ -17,6 +17,7 @@ Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published 
 MANY = 1000  # degrees of freedom: with more, Student's t counts as the normal distribution
 MOST_OUTLIERS = 10
 MOST_GROUPS = 20  # rows of the table of their offsets
+ROUNDING = 1e-12  # of ε
 MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
 METHODS = {
     "sandwich": (
@@ -157,10 +158,10 @@ def quality_table(result: Any) -> pd.DataFrame:
         chi_squared = fit.reduced_chi_squared
         numbers = {
             "dof": (fit.residual_degrees, 4),
-            "rms": (fit.rms, 4),
-            "rms of Eq. (17)": (fit.rms_empirical, 3),
+            "rms": (_size(fit.rms), 4),
+            "rms of Eq. (17)": (_size(fit.rms_empirical), 3),
             "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),
-            "scatter": (fit.noise, 3),
+            "scatter": (_size(fit.noise), 3),
             "between groups": (fit.group_deviation, 3),
             "of times [ms]": (fit.timing and 1e3 * fit.timing, 3),
             "χ²/dof": (chi_squared, 3),
@@ -174,6 +175,11 @@ def quality_table(result: Any) -> pd.DataFrame:
     table = pd.DataFrame(rows)
     empty = [name for name in table if (table[name] == ABSENT).all()]
     return table.drop(columns=[*empty, *["law"] * (table["law"].nunique() == 1)])
+
+
+def _size(value: float | None) -> float | None:
+    """A deviation of ε; rounding is 0."""
+    return value and value * (value > ROUNDING)
 
 
 def observables_blocks(result: Any) -> list[Block]:

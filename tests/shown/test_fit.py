@@ -190,6 +190,13 @@ def test_the_main_job_says_what_it_found(main_job):
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
     assert {*main_job.figures} == {"curves.png", "correlation.png"}
     report = main_job.text("report.md")
+    header, *rows = markdown_tables(report)[2]
+    warnings = cal.FitResult.load(main_job.folder / "fit.json").warnings
+    for row, warning in zip(rows, warnings, strict=True):  # no intervals to be too narrow
+        of = dict(zip(header, row, strict=True))
+        assert (of["rms of Eq. (17)"], of["scatter"]) == ("0", "0")
+        assert warning.cause == f"rms {of['rms']} where the data follow Eq. (17) exactly"
+        assert (warning.material, "interval" in warning.advice) == (of["material"], False)
     assert "include the scatter" not in report  # c1 and c2 of data without noise have no errors
     assert "](curves.png)" in report
     assert "](profiles.png)" not in report

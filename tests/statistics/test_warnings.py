@@ -257,6 +257,12 @@ SIDED = {  # and words of the cause
 }
 
 
+def test_a_misfit_about_eq_17_has_the_numbers_of_the_table():
+    fit = misfit(STEEL)
+    (cause,) = (w.cause for w in fit.warnings if w.code == "model-misfit")
+    assert cause == f"rms {fit.rms:.4g} where that of Eq. (17) is {fit.rms_empirical:.3g}"
+
+
 @pytest.mark.parametrize("case", SIDED)
 def test_raised_beyond_a_quantile_and_not_before(case):
     made, words = SIDED[case]
