@@ -50,7 +50,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
     "scale": (("global",), str, "uniform|log", "default: uniform"),
 }
 REPEATED = ("free", "fix", "range", "sensor")
-BARS = (0.02, 0.2, 1.0)  # where bars are drawn by default, in parts of the highest velocity
+BARS = (0.02, 0.2)  # where bars are drawn by default, next to the highest velocity, in parts of it
 SHOTS = 30
 
 
@@ -128,7 +128,10 @@ class _Job:
         if not 0 < self.low < self.high:
             accepted = f"a velocity between 0 and {self.high:g} m/s (--to)"
             raise DataError("--from", self.low, accepted)
-        self.bars = arguments.at or [max(self.low, part * self.high) for part in BARS]
+        first, middle = (part * self.high for part in BARS)
+        first = max(self.low, first)
+        middle = max(middle, math.sqrt(first * self.high))
+        self.bars = arguments.at or [first, middle, self.high]
         self.inputs = inputs_of(self.source)
         self.scale, self.seed = arguments.scale or "uniform", arguments.seed or 0
         self.ranges = ranges_of(arguments.range, self.scale, self.inputs, self.source)

@@ -72,9 +72,9 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
     material, area = entry.material, arguments.area or "zhou"
     contact = sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area=area)
     known, origin = {"sigma": entry.sigma, "psi": entry.psi}, ""
-    name = arguments.law or "zhou"
-    if name == "zhou" and arguments.chi is None:  # χ̃ goes with the law's variant
-        if arguments.kappa == "printed":
+    name, stated = arguments.law or "zhou", _stated(arguments)
+    if name == "zhou" and "chi" not in stated:  # χ̃ goes with the law's variant
+        if stated.get("kappa", ("", ""))[1] == "printed":
             known["chi"], origin = entry.chi, f", Table 1's χ̃ = {entry.chi:g}"
         elif area == "zhou":
             known["chi"] = FITTED_CHI[entry.name]

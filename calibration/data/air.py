@@ -34,6 +34,7 @@ UNCERTAIN = 0.1  # standard uncertainty of C_d as a part of it, of one ball and 
 ROUNDS = 20  # for C_d and speed to settle at most, each a factor of 4 or more closer
 SETTLED = 2e-15  # of a speed: less is rounding
 STEP = 1e-4  # of differences, in parts
+CORRECTED = "corrected for air"  # how a remark begins
 ACCEPTED = 'true, false, or a density of air such as "1.2 kg/m³", of 1e-4 to 20 kg/m³'
 NODES, SHARES = np.polynomial.legendre.leggauss(5)
 NODES = 0.5 * (NODES + 1)
@@ -152,7 +153,7 @@ class Air:
         both = restitution - before[1], velocity / before[0] - 1
         of_restitution, of_velocity = (float(by[np.nanargmax(np.abs(by))]) for by in both)
         remarks = [
-            f"corrected for air of {self.density:g} kg/m³ (drag, buoyancy, added mass): "
+            f"{CORRECTED} of {self.density:g} kg/m³ (drag, buoyancy, added mass): "
             f"ε by {of_restitution:+.2g} and v by {100 * of_velocity:+.2g} % at most"
         ]
         fastest = float(np.max(self.reynolds(velocity)))
@@ -164,20 +165,20 @@ class Air:
         return tuple(remarks)
 
     @property
-    def _lightness(self) -> Any:
+    def lightness(self) -> Any:
         """ρ_a/ρ."""
         return self.density * np.pi / 6 * self.diameter**3 / self.mass
 
     @property
     def _pull(self) -> Any:
         """g'."""
-        return self.gravity * (1 - self._lightness) / (1 + 0.5 * self._lightness)
+        return self.gravity * (1 - self.lightness) / (1 + 0.5 * self.lightness)
 
     def _terminal(self, fastest: Column) -> Column:
         """v_t of a flight by its largest speed."""
         drag = self.drag * mean_drag_coefficient(np.maximum(self.reynolds(fastest), 1e-12))
         area = np.pi / 4 * self.diameter**2
-        weight = self.mass * self.gravity * (1 - self._lightness)
+        weight = self.mass * self.gravity * (1 - self.lightness)
         return np.sqrt(2 * weight / (self.density * drag * area))
 
     def _settled(self, x: Column, formula: Any) -> Column:

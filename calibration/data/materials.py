@@ -14,7 +14,7 @@ a constant restitution; the ball's `diameter` and `mass` (or `density`) then det
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -276,7 +276,11 @@ class MaterialEntry:
             contact, self.bodies = self._pair(table.radii[0])
             limit = table.limit_velocity or float(np.asarray(contact.limit_velocity))
             self.contact = replace(contact, limit_velocity=limit)
-        self.data = None if table.data is None else self._data()
+        try:
+            self.data = None if table.data is None else self._data()
+        except InputError as error:
+            error.accepted += next(self._suspects(), "")
+            raise
         self.stated: dict[str, Parameter] = {}
         for place, parameters in (((), file.content.parameters), (self.place, table.parameters)):
             for key, parameter in parameters.items():
@@ -288,6 +292,15 @@ class MaterialEntry:
         """A line for each property of a body outside its plausible range."""
         warnings = of_bodies(self.bodies, self.contact)
         return [f"warning: plausibility ({self.name}): {w.cause}. {w.advice}" for w in warnings]
+
+    def _suspects(self) -> Iterator[str]:
+        """Properties of a body outside their plausible ranges, with their lines."""
+        names = {plausible.code: name for name, plausible in RANGES.items()}
+        other = "wall" if self.table.wall else "second"
+        for place, body in zip(((), (other,)), self.bodies, strict=False):
+            for warning in of_bodies([body], None):
+                line = self.file.line((*self.place, *place, names[warning.code]))
+                yield f"; {warning.cause} ({self.file.path}:{line})"
 
     def _refusal(self, place: Place, problem: str, accepted: str) -> InputError:
         return self.file.refusal((*self.place, *place), problem, accepted)

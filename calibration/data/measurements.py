@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 import softjax as sj
-from calibration.data.air import Fall
+from calibration.data.air import CORRECTED, Fall
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -426,16 +426,19 @@ class RestitutionData:
         measured = np.where(np.isnan(self.restitution), 0.5, self.restitution)
         require("restitution", measured, lambda e: e >= 0, "a number of 0 or more")
         accepted = f"at most {LARGEST}; above 1 it is noise or an input error"
-        if np.max(measured) > PERCENT:
+        if np.max(measured) > PERCENT and self.errors.by_drag is None:
             accepted += " (is it in percent? then the unit is [%])"
         require("restitution", measured, lambda e: e <= LARGEST, accepted)
 
 
 def _located(error: DataError, remarks: Sequence[str], origin: Origin | None) -> ValueError:
-    """A refusal with its file and line, and with the units that were assumed where the header has none."""
+    """A refusal with its file and line, with the units assumed where the header has none, and the air."""
     note = next((remark for remark in remarks if remark.startswith(NO_UNIT)), None)
     # a restitution that was given is of no unit
     about = note is not None and (error.argument in note or "height" in note or "_velocity" in note)
+    if error.argument == "restitution":
+        note = next((remark for remark in remarks if remark.startswith(CORRECTED)), None)
+        note, about = f"{note}: are the ball's size and density right?", note is not None
     if about and error.index is not None:
         accepted = f"{error.accepted}; {note}"
         error = DataError(error.argument, error.value, accepted, error.index)

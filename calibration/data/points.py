@@ -246,7 +246,12 @@ def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: f
     if density is None or not kind.is_flight:
         return None, ()
     if ball_sizes is not None:
-        return Air(*ball_sizes, gravity, density), ()
+        around = Air(*ball_sizes, gravity, density)
+        if np.any(around.lightness >= 1):
+            light = float(np.min(density / around.lightness))
+            accepted = f"above that of air, {density:g} kg/m³; air = false corrects nothing"
+            raise DataError("density of the ball", f"{light:.3g} kg/m³", accepted)
+        return around, ()
     if isinstance(air, bool | None):
         return None, (NOT_CORRECTED,)
     raise DataError("ball", "missing", "given with air: its diameter, and its mass or density")

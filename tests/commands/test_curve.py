@@ -89,6 +89,7 @@ LAWS = {
     "--sigma 0.1": zhou(sigma=0.1),
     "--psi 0.9": zhou(psi=0.9),
     "--kappa printed": zhou(kappa="printed", chi=0.016),
+    "--set kappa=printed": zhou(kappa="printed", chi=0.016),
     "--kappa printed --chi 0.21998": zhou(kappa="printed"),
     "--area hertz --form full --chi 0.3": zhou("hertz", chi=0.3, form="full"),
     "--law constant --set restitution=0.75": sj.ConstantRestitution(None, 0.75),
@@ -108,7 +109,8 @@ LAWS = {
 @pytest.mark.parametrize("options", LAWS)
 def test_each_option_of_a_law_acts(at, options):
     grid = ["--from", "3", "--to", "10", "--points", "4", "--format", "csv"]
-    curve("nylon", *options.split(), *grid)
+    said = curve("nylon", *options.split(), *grid)
+    assert "χ̃" not in said or f"χ̃ = {LAWS[options].chi:g}" in said
     agrees(at, LAWS[options])
     plain = sj.restitution(fitted("nylon"), column(at, 0)).coefficient
     assert np.max(np.abs(column(at, 1) - plain)) > 1e-5

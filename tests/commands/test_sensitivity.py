@@ -53,6 +53,14 @@ def test_unlike_spheres_have_properties_of_their_own(at):
     assert slopes["yield_strength_2"] == 0.0
 
 
+@pytest.mark.parametrize(("ends", "bars"), [("1 4", [1, 2, 4]), ("1 100", [2, 20, 100])])
+def test_bars_stand_at_three_velocities(ends, bars, at):
+    """A fifth of the highest, or the geometric mean where that is higher."""
+    low, high = ends.split()
+    found = saved("nylon", "--from", low, "--to", high, "--points", "9")["local"]["velocity"]
+    assert found == pytest.approx(bars)
+
+
 def test_parameters_are_freed_and_fixed_as_requested(at):
     options = ("nylon", "--study", "information", "--from", "0.2")
     known = saved(*options, "--free", "yield_strength=4e5", "--fix", "psi")["information"]

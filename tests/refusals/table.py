@@ -157,6 +157,8 @@ TOML_FILES = {
     "an uncertainty of what was not measured": ("m.csv:1", "interval_uncertainty|velocity and restitution", TOML + 'interval_uncertainty = "1 ms"\n'),
     "an uncertainty without a unit beside centimetres": ("m.csv:1", 'height_uncertainty|0.2|"0.2 m" or "0.2 cm"', TOML + "height_uncertainty = 0.2\n", under("h0 [cm],h1 [cm]", "50,32")),
     "a column of uncertainties without a unit beside centimetres": ("m.csv:1", "height_uncertainty|[cm]|`height_uncertainty [m]` or `height_uncertainty [cm]`", TOML, under("h0 [cm],h1 [cm],height_uncertainty", "50,32,0.2")),
+    "a density that lets air move the ball": ("m.csv:2", "restitution|corrected for air|density|2.7 kg/m³|m.toml:5", key(5, "density = 2.7"), under("h0,h1", "2,1.5")),
+    "a ball lighter than air": ("m.csv:1", "density of the ball|0.5 kg/m³|air, 1.2 kg/m³|m.toml:5", key(5, "density = 0.5"), under("h0,h1", "2,1.5")),
     "uncertainties of contact times without a unit": ("m.csv:1", "contact_time_uncertainty|[us]", TOML, under("v,e,contact_time [us],u_tc", "1,0.9,40,2")),
     "uncertainties without a unit beside percent": ("m.csv:1", "uncertainty|[%]|`uncertainty [-]` or `uncertainty [%]`", TOML, under("v,e [%],u(e)", "1,90,2")),
     "an uncertainty without a unit beside percent": ("m.csv:1", 'uncertainty|0.4|"0.4 -" or "0.4 %"', TOML + "uncertainty = 0.4\n", under("v,e [%]", "1,90")),
