@@ -1,5 +1,6 @@
 """A set of data from arrays and tables: what it keeps, compares, prints and averages, and how errors reach ε and v."""
 
+import inspect
 import math
 from dataclasses import replace
 from decimal import Decimal
@@ -41,6 +42,15 @@ def test_arrays_are_copies_labels_have_their_order_and_print_tells_what_it_is():
     assert "2 groups" in grouped
     assert "not stated" not in grouped
     assert "no contact" in grouped
+
+
+def test_what_a_set_and_a_parameter_take_by_position():
+    fields = (
+        "velocity restitution contact uncertainty name velocity_uncertainty limit_velocity remarks"
+    )
+    for made, names in ((cal.RestitutionData, fields), (cal.Parameter, "value")):
+        taken = inspect.signature(made).parameters.values()
+        assert [one.name for one in taken if one.kind != one.KEYWORD_ONLY] == names.split()
 
 
 def test_sets_that_differ_in_one_thing_differ_and_errors_are_one_statement():
