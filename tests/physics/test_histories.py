@@ -54,8 +54,8 @@ def test_motion_along_it_and_its_ends(name):
     if isinstance(law, sj.RateDependentLaw):
         forces = law.force(overlap, speed)
     else:
-        back = law.unloading_force(overlap[PEAK + 1 :], overlap[PEAK])
-        forces = np.append(law.loading_force(overlap[: PEAK + 1]), back)
+        back = jax.jit(law.unloading_force)(overlap[PEAK + 1 :], overlap[PEAK])
+        forces = np.append(jax.jit(law.loading_force)(overlap[: PEAK + 1]), back)
     assert np.allclose(force, forces, rtol=1e-9, atol=1e-12 * force.max())
     ends = -0.1 if name == "linear dashpot to zero-overlap" else 1e-8
     assert (force[-1] < ends * force.max()) or name == "hertz dashpot to zero-overlap"
