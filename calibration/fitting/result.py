@@ -463,7 +463,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
     materials: dict[int, MaterialFit] = {}
     pooled = pooled_estimates(fits, options.confidence)
     for fit, profiles in zip(fits, curves, strict=True):
-        parts, of_several, drag = summarise(fit, profiles, options.confidence)
+        parts, of_several, drag = summarise(fit, profiles, options)
         materials |= dict(zip(fit.component.sets, parts, strict=True))
         found_warnings += of_several
         pooled |= drag

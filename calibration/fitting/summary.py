@@ -19,6 +19,7 @@ from calibration.fitting.uncertainty import NULL_SHARE, RANK_TOLERANCE, leverage
 from calibration.fitting.warnings import FitWarning
 from calibration.fitting.warnings_of import NOISELESS, Found, of_component, of_set, raised
 from calibration.observables import RESTITUTION
+from calibration.options import FitOptions
 from calibration.parameters import NONE
 
 APART = 2.0  # standard errors between the two objectives
@@ -27,22 +28,28 @@ MOST_OUTLIERS = 100  # of one data set
 NO_ERRORS = 1e-9  # of ε: residuals below are none
 DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
 PLAIN: dict[str, Any] = {"optimiser": "levenberg-marquardt", "starts": 4}
+NOISE = (
+    "noise",
+    "noise_dof",
+    "extra_scatter",
+    "scale_uncertainty",
+)  # of a fit and its cross-checks
 
 
 def summarise(
-    fit: ComponentFit, curves: dict[str, Profile], confidence: float
+    fit: ComponentFit, curves: dict[str, Profile], options: FitOptions
 ) -> tuple[list[MaterialFit], list[FitWarning], dict[str, Estimate]]:
     """Each data set's part, the warnings about several of them, and the error of the drag coefficient."""
-    by_element = estimates(fit, curves, confidence)
+    by_element = estimates(fit, curves, options.confidence)
     shared_warnings = of_component(fit, by_element, curves)
     sets = range(len(fit.component.sets))
-    materials = [_material(fit, g, by_element, confidence, shared_warnings) for g in sets]
+    materials = [_material(fit, g, by_element, options, shared_warnings) for g in sets]
     elements = enumerate(fit.component.elements)
     drag = {e.label: by_element[k] for k, e in elements if e.name == DRAG}
     return materials, [w for w in shared_warnings if w.material is None], drag
 
 
-def _material(fit: ComponentFit, g: int, by_element, confidence, shared_warnings) -> MaterialFit:
+def _material(fit: ComponentFit, g: int, by_element, options, shared_warnings) -> MaterialFit:
     spec, problem = fit.component.specs[g], fit.final.problem
     blocks = [(k, block) for k, block in enumerate(problem.blocks) if block.set == g]
     goodness = {block.observable: _goodness(fit, k) for k, block in blocks}
@@ -52,14 +59,15 @@ def _material(fit: ComponentFit, g: int, by_element, confidence, shared_warnings
     first = problem.of_restitution(g)
     known_from, known_to = _determined_between(fit, g)
     parameters, values, labels = _parameters(fit, g, by_element, known_to)
-    rms_empirical, empirical = _eq_17(fit, g)
+    plain = PLAIN | {name: getattr(options, name) for name in NOISE}
+    rms_empirical, empirical = _eq_17(fit, g, plain)
     part = MaterialFit(
         **(vars(of_eps) | {"outliers": outliers}),
         data=spec.data,
         objective=spec.objective,
         model=spec.model,
         parameters=parameters,
-        derived=derived_of(fit, g, confidence),
+        derived=derived_of(fit, g, options.confidence),
         values=values,
         labels=labels,
         rms_empirical=rms_empirical,
@@ -72,7 +80,7 @@ def _material(fit: ComponentFit, g: int, by_element, confidence, shared_warnings
     )
     found = [warning for warning in shared_warnings if warning.material == part.name]
     if spec.objective == "two-step" and (part.rms_empirical or 0.0) >= NOISELESS:
-        found += raised(part.name, _disagreements(fit, part))
+        found += raised(part.name, _disagreements(fit, part, plain))
     off = at.prediction[0][first] - problem.points.value[first]
     found += of_set(fit, part, off, dict(zip(goodness, spec.errors, strict=True)))
     return replace(part, warnings=tuple(found))
@@ -262,15 +270,17 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
     return Estimate(value, error, low, high, "derived")
 
 
-def _eq_17(fit: ComponentFit, g: int) -> tuple[float | None, Mapping[str, float] | None]:
+def _eq_17(
+    fit: ComponentFit, g: int, plain: Mapping[str, Any]
+) -> tuple[float | None, Mapping[str, float] | None]:
     """Rms and coefficients of Eq. (17) against all points; None for other laws, and without a limit velocity."""
     spec = fit.component.specs[g]
     if spec.model.law_type is sj.Zhou and spec.objective == "model":
         data = spec.data
         if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
             return None, None
-        plain = Request((data.of_restitution(),)).with_options(law="eq-17", **PLAIN)
-        (fit,), g = fitted(plain), 0
+        alone = Request((data.of_restitution(),)).with_options(law="eq-17", **plain)
+        (fit,), g = fitted(alone), 0
     elif spec.model.law_type not in (sj.Zhou, sj.EmpiricalRestitution):
         return None, None
     problem = fit.stages[0].problem
@@ -280,13 +290,13 @@ def _eq_17(fit: ComponentFit, g: int) -> tuple[float | None, Mapping[str, float]
     return float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2))), values
 
 
-def _disagreements(two: ComponentFit, part: MaterialFit) -> Found:
+def _disagreements(two: ComponentFit, part: MaterialFit, plain: Mapping[str, Any]) -> Found:
     """Whether a fit by `model` has another ε_up or χ̃, by more than their errors."""
     free = {e.name: e.parameter.prior for e in two.component.elements}
     plainly_free = set(free) == {"chi", "sigma", "psi"} and not any(free.values())
     if len(two.component.sets) > 1 or not plainly_free:
         return
-    fit = fitted(Request((part.data,), part.model.options).with_options(law="zhou", **PLAIN))[0]
+    fit = fitted(Request((part.data,), part.model.options).with_options(law="zhou", **plain))[0]
     others = derived_of(fit, 0, 0.95)
     for k, element in enumerate(fit.component.elements):
         others[element.name] = estimate_of(fit, k, None, 0.95)

@@ -149,6 +149,19 @@ def test_the_error_of_chi_is_what_noise_in_each_point_does(kind):
         assert np.log(high / value) == pytest.approx(reach * error / value, rel=1e-3)
 
 
+@pytest.mark.parametrize("noise", [{"extra_scatter": True}, {"noise": "student-t"}])
+def test_eq_17_has_the_noise_of_the_fit_that_it_is_compared_with(noise):
+    """As fitted by itself; without that noise the least uncertain points decide otherwise."""
+    u = np.geomspace(0.001, 0.03, 20)
+    data = replace(eq_17_data("nylon", points=20, noise=0.01, seed=3), errors=None, uncertainty=u)
+    zhou, alone, plain = (
+        cal.fit(data, law, profiles=False, starts=4, **options)
+        for law, options in (("zhou", noise), ("eq-17", noise), ("eq-17", {}))
+    )
+    assert zhou.rms_empirical == pytest.approx(alone.rms, rel=1e-6)
+    assert abs(alone.rms / plain.rms - 1) > 0.01
+
+
 def test_profiles_of_eq_17_are_lmfit_s_and_eps_up_has_the_error_of_its_losses():
     data = eq_17_data("stainless steel", noise=0.02, seed=6)
     result = cal.fit(data, **QUICK | {"profiles": True})
