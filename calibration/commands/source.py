@@ -14,8 +14,9 @@ import softjax as sj
 from calibration.commands.source_options import COEFFICIENTS, VARIANTS, read_material_file
 from calibration.console import print_first
 from calibration.curves import Source
+from calibration.data.checks import as_number
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
-from calibration.fitting.laws import LAWS
+from calibration.fitting.laws import LAWS, sigma_of
 from calibration.fitting.result import FitResult
 from calibration.options import LAW_OPTIONS, route_named
 from calibration.paper import RADIUS, TABLE_1
@@ -39,7 +40,7 @@ def read_source(arguments: argparse.Namespace) -> Source:
         left_out = ("eps_up", "sigma", "psi", *OF_LAW)
         why = "with --fit, whose law is the fitted one"
     else:
-        left_out = ("eps_up", "posterior", *["material"] * (not is_file))
+        left_out = ("posterior", *["material"] * (not is_file))
         why = "without --fit or --line" + " or a file" * (not is_file)
     for name in left_out:
         if getattr(arguments, name, None) not in (None, []):
@@ -229,13 +230,25 @@ def _law(
             accepted = f"give {option}, fix it by a plain number, or read its fit by --fit"
             place = parameter.origin or Origin("")  # a file's parameters have one
             raise InputError(place.file, place.line, problem, accepted)
+    eps_up = known.get("eps_up") if arguments.eps_up is None else arguments.eps_up
+    if arguments.eps_up is not None and (name != "zhou" or "sigma" in stated):
+        raise DataError("--eps-up", eps_up, "left out with --sigma, and with other laws than zhou")
+    by_eps_up = name == "zhou" and eps_up is not None and "sigma" not in stated
+    if by_eps_up:
+        as_number("--eps-up", eps_up, lambda restitution: 0 < restitution < 1, "between 0 and 1")
+        values["sigma"] = 1.0  # until ψ is checked
     needed = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in values]
     if needed and name == "zhou":
         accepted = "given, or fitted first and read by --fit"
+        if by_eps_up and needed[0] == "psi":
+            accepted = "given with --eps-up (0.5, say; it acts below first yield only)"
         raise DataError(f"--{needed[0]}", "missing", accepted)
     if needed:
         raise DataError("--law", name, f"given with --set {needed[0]}=…")
-    return LAWS[name](**values)
+    law = LAWS[name](**values)
+    if not by_eps_up:
+        return law
+    return dataclasses.replace(law, sigma=float(sigma_of(contact, eps_up, law.psi)))
 
 
 def _stated(arguments: argparse.Namespace) -> dict[str, tuple[str, float | str]]:

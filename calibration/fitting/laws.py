@@ -170,6 +170,7 @@ class LawModel:
         if self.takes_contact and leaf in CONTACT_LEAVES:
             return OF_CONTACT + leaf
         known = [*self.parameters, *(CONTACT_LEAVES if self.takes_contact else ())]
+        known += [extra for extra in EXTRA if self.key == "zhou" and extra not in known]
         accepted = f"of {self.key}: {listed(known)}{did_you_mean(name, known)}"
         raise DataError("parameter", name, accepted)
 

@@ -83,7 +83,9 @@ def zhou(area="zhou", **changed):
     return sj.Zhou(pair("nylon", area=area), **(FITTED["nylon"] | changed))
 
 
+AT_YIELD = pair("nylon").limit_velocity / pair("nylon").critical_velocity - 1  # of Eq. (17)
 LAWS = {
+    "--eps-up 0.9": zhou(sigma=-np.log(0.9) * AT_YIELD**0.5414),
     "--chi 0.3": zhou(chi=0.3),
     "--set chi=0.3": zhou(chi=0.3),
     "--sigma 0.1": zhou(sigma=0.1),
@@ -114,6 +116,19 @@ def test_each_option_of_a_law_acts(at, options):
     agrees(at, LAWS[options])
     plain = sj.restitution(fitted("nylon"), column(at, 0)).coefficient
     assert np.max(np.abs(column(at, 1) - plain)) > 1e-5
+
+
+def test_a_file_may_fix_the_restitution_at_first_yield(at):
+    text = f"{BODIES}[material.parameters]\nchi = 2.0\neps_up = 0.9\n"
+    (at / "a.toml").write_text(text, encoding="utf-8")
+    grid = ["--points", 3, "--format", "csv"]
+    curve("a.toml", *grid, error="`--psi` must be given with --eps-up (0.5, say")
+    curve("a.toml", "--psi", 0.5, *grid, "--to", 1)
+    whole = column(at, 1)
+    curve("a.toml", "--psi", 0.5, "--eps-up", 0.9, *grid, "--to", 1)
+    np.testing.assert_array_equal(column(at, 1), whole)
+    curve("a.toml", "--psi", 0.5, "--sigma", 1, "--eps-up", 0.9, error="left out with --sigma")
+    curve("a.toml", "--psi", 0.5, "--eps-up", 1, error="between 0 and 1, but is 1")
 
 
 def test_the_route_acts_in_curves_and_tables(at):
