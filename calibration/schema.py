@@ -79,6 +79,7 @@ def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     elif fault["type"] != "value_error" and field is not None:
         known = (field.json_schema_extra or {}).get("accepted", known)  # type: ignore[union-attr]
     if isinstance(fault["input"], str) and value != "there":
+        known += " without quotation marks" * (fault["type"] in ("float_type", "int_type"))
         known = known[:MOST] + "…" * (len(known) > MOST) + did_you_mean(value, known.split('"'))
         value = f'"{value}"'
     return DataError(place.lstrip("."), value, known)

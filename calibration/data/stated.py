@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from calibration.data.units import parted, quantity
+from calibration.data.units import NAMED, parted, quantity
 from calibration.errors import DataError, is_finite_number, shown
 from calibration.parameters import Parameter
 from calibration.schema import Refused
@@ -31,8 +31,11 @@ def measure(
                 number, written = parted(stated, si)
                 value = number if of_rows and written == "%" else quantity(stated, si)
             except DataError as error:
-                more = "" if error.argument == "quantity" else f", {error.accepted}"
-                raise ValueError(unit + more) from None
+                more = error.accepted
+                if error.argument == "quantity":
+                    example = NAMED[si].split()[0]
+                    more = f'outside quotation marks, or with a decimal point and its unit, "1.5 {example}"'
+                raise ValueError(f"{unit}, {more}") from None
         if not is_finite_number(value) or not (value >= 0 if from_zero else value > 0):
             raise ValueError(unit)
         return stated if of_rows and isinstance(stated, str) else float(value)
@@ -61,7 +64,7 @@ def _parameter(name: str, table: Any) -> Parameter:
             problem = f"{error.argument} of {name} is {error.value}"
             raise Refused((name, error.argument), problem, f"it must be {error.accepted}") from None
         value = f'"{table}"' if isinstance(table, str) else shown(table)
-        accepted = "it must be a number, or a table such as { value = 1.0 }"
+        accepted = "it must be a number, or a table such as { free = true }"
         raise Refused((name,), f"{name} is {value}", accepted) from None
 
 

@@ -103,6 +103,8 @@ def _syntax_error(path: str | Path, text: str, message: str) -> InputError:
     problem, line = (match[1], match[2]) if match else (message, None)
     at_end = text.rstrip("\n").count("\n") + 1
     accepted = "a TOML file is needed, one `key = value` in each line, text in quotation marks"
+    if line and re.search(r"=\s*[+-]?\d+,\d", text.split("\n")[int(line) - 1]):
+        accepted = "a decimal has a point, 0.33, no comma"
     fault = f"no valid TOML: {shown(problem)}"
     return InputError(path, int(line) if line else at_end, fault, accepted)
 
