@@ -16,7 +16,7 @@ uncertain by their standard deviation, times √(1 + 1/n), with Student's t of n
 Source: Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 377 (1982), of s.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -26,13 +26,12 @@ from scipy import special
 import softjax as sj
 from calibration.data.checks import as_number, checked_confidence, require
 from calibration.errors import DataError
+from calibration.fitting.joint import Own, joint_fit
 from calibration.fitting.laws import LINE, eps_up_of, several_yields, sigma_of
 from calibration.fitting.material import Band, Estimate
-from calibration.fitting.problem import DRAG
 from calibration.fitting.request import Request, SetSpec
-from calibration.fitting.stages import ComponentFit, StageFit, fitted
+from calibration.fitting.stages import ComponentFit, StageFit
 from calibration.fitting.uncertainty import quantile
-from calibration.parameters import Parameter
 
 PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through ε_up alone
 STEEPEST = 20.0  # ψ at the end of an interval: there is no loss below first yield
@@ -370,7 +369,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
         return None
     has_noise = _have_noise(materials)
     c, normal, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
-    joint = _joint(request, with_chi, c)
+    joint = joint_fit(request, with_chi, x, c)
     names, specs = [e.name for e in joint.component.elements], joint.component.specs
     places = [names.index(name) for name in LINE]
     values, slope, known = joint.theta[places], joint.slope[places], joint.uncertainty
@@ -424,7 +423,7 @@ def _material(fit: ComponentFit, spec: SetSpec, k: int) -> LineMaterial:
     )
 
 
-def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int]]:
+def _with_chi(fits: list[ComponentFit]) -> list[Own]:
     """Data sets of Zhou's law with a χ̃ of their own: the fit, its options, its element."""
     by_set = {}
     for fit in fits:
@@ -433,22 +432,3 @@ def _with_chi(fits: list[ComponentFit]) -> list[tuple[ComponentFit, SetSpec, int
                 if e.name == "chi" and e.sets == (g,) and spec.model.key == "zhou":
                     by_set[fit.component.sets[g]] = fit, spec, k
     return [by_set[g] for g in sorted(by_set)]
-
-
-def _joint(request: Request, with_chi, c: np.ndarray) -> ComponentFit:
-    """All curves with every χ̃ on one line, from where each was alone; everything else as requested."""
-    on_line = {name: Parameter(float(value)) for name, value in zip(LINE, c, strict=True)}
-    parameters = []
-    for fit, spec, k in with_chi:
-        stated = {e.name: e.parameter for e in spec.local if e.parameter.value is not None}
-        elements, theta = fit.component.elements, fit.final.problem.transform.physical(fit.z)
-        for name, place in fit.component.places(elements[k].sets[0]).items():
-            start = {"value": float(theta[place])}
-            stated[name] = elements[place].parameter.model_copy(update=start)
-        stated = {name: value for name, value in stated.items() if name not in ("chi", DRAG)}
-        parameters.append(stated | on_line | dict(spec.model.options))
-    names = {spec.data.name for _, spec, _ in with_chi}
-    datasets = tuple(data for data in request.datasets if data.name in names)
-    joint = replace(request, datasets=datasets, parameters=parameters)
-    options = {"law": "zhou", "starts": 1, "optimiser": "levenberg-marquardt"}
-    return fitted(joint.with_options(**options))[0]

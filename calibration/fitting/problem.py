@@ -30,6 +30,7 @@ Z = Float[np.ndarray, "fits elements"]
 NAMES = tuple(OBSERVABLES)
 DRAG = "air_drag"  # c, what the drag coefficient of flights in air is off by, in parts
 FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
+ALONE = 20_000  # points from which on a problem fills its batches alone
 AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
 ROUNDED = 1e-10  # of the strongest element, below which the effect of one is rounding
 WEAK = 1e-7  # the same of an element far out at an end of its range
@@ -622,3 +623,12 @@ class Problem:
             off = off - np.mean(off, axis=1, keepdims=True)
             slopes = np.broadcast_to(per[:, self.active], (fits, count, len(self.active)))
             yield off / pool.spread, slopes
+
+
+def alike(problems: Sequence[Problem]) -> list[list[int]]:
+    """Places of the problems that can be searched side by side, together."""
+    groups: dict[Any, list[int]] = {}
+    for i, problem in enumerate(problems):
+        kind = problem.kind
+        groups.setdefault(i if kind is None else kind, []).append(i)
+    return list(groups.values())

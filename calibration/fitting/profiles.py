@@ -5,7 +5,7 @@ parameter of all fits of one kind, go side by side: each stride is one batch of 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from calibration.fitting.material import Estimate
 from calibration.fitting.methods import condense
 from calibration.fitting.neighbourhoods import condensed
-from calibration.fitting.problem import DRAG, Problem
+from calibration.fitting.problem import DRAG, Problem, alike
 from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.stages import ComponentFit
@@ -298,19 +298,17 @@ def profiles_of(
     χ̃ of `two-step` has none. `tell` hears how many fits are done.
     """
     curves: list[dict[str, Profile]] = [{} for _ in fits]
-    alike: dict[Any, list[tuple[int, ProfileTask]]] = {}
-    for k, fit in enumerate(fits):
-        if (task := _requested(fit, confidence)) is not None:
-            kind = task.problem.kind
-            alike.setdefault(k if kind is None else kind, []).append((k, task))
-    done = 0
-    for members in alike.values():
-        places, tasks = zip(*members, strict=True)
+    requested = {k: _requested(fit, confidence) for k, fit in enumerate(fits)}
+    tasks = {k: task for k, task in requested.items() if task is not None}
+    order, done = list(tasks), 0
+    for members in alike([task.problem for task in tasks.values()]):
+        places = [order[i] for i in members]
         heard = lambda count, done=done: tell(done + count)  # noqa: E731
-        if fits[places[0]].stages[0].branches is None:
-            tables = profiles(tasks, heard)
+        fit = fits[places[0]]
+        if fit.stages[0].branches is None:
+            tables = profiles([tasks[k] for k in places], heard)
         else:
-            tables = [_of_branches(fits[places[0]], tasks[0])]
+            tables = [_of_branches(fit, tasks[places[0]])]
         done += len(places)
         for k, table in zip(places, tables, strict=True):
             curves[k] = table

@@ -15,8 +15,8 @@ from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT, SPRINGS
 from calibration.fitting.methods import TINY, Condensed, condense
-from calibration.fitting.neighbourhoods import MANY, condensed
-from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.neighbourhoods import condensed
+from calibration.fitting.problem import Lanes, Problem, alike
 from calibration.fitting.request import Component, Request, assemble
 from calibration.fitting.search import (
     LARGEST_STEP,
@@ -466,12 +466,7 @@ TOGETHER = 32  # components that begin side by side
 def fitted(request: Request, tell: Callable[..., None] = lambda *_: None) -> list[ComponentFit]:
     """All components; `tell` hears how many are done, of how many."""
     components, fits = assemble(request), dict[int, ComponentFit]()
-    alike: dict[Any, list[int]] = {}
-    for i, component in enumerate(components):
-        problem = component.stages[0][1]
-        kind = problem.kind if problem.count < MANY else None
-        alike.setdefault(i if kind is None else kind, []).append(i)
-    for members in alike.values():
+    for members in alike([component.stages[0][1] for component in components]):
         for k in range(0, len(members), TOGETHER):
             tell(len(fits), len(components))
             some = members[k : k + TOGETHER]

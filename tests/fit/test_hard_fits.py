@@ -393,3 +393,36 @@ def test_data_sets_side_by_side_end_where_each_alone_does():
             assert together.values[label] == pytest.approx(alone.values[name], rel=1e-7)
             for end, own in zip(together.intervals[label], interval, strict=True):
                 assert end == (own if own is None else pytest.approx(own, rel=1e-6))
+
+
+def test_the_line_is_fitted_from_more_than_the_minimum_that_each_material_has_alone():
+    """Four materials with two points below yield each: SciPy from the true values finds the same lower minimum."""
+    random, sets = np.random.default_rng(14), []
+    for k in range(4):
+        modulus, strength = (x * np.exp(0.3 * random.standard_normal()) for x in (2e11, 3e8))
+        material = sj.Material(modulus, 0.3, 7800.0, strength)
+        contact = sj.Contact.between_spheres(material, material, 0.01, 0.01)
+        v = np.geomspace(0.5, 100, 8) * float(contact.critical_velocity)
+        exact = fit_oracle.curve(
+            v, fit_oracle.numbers(contact), 0.03 + 0.0045 * float(contact.yield_ratio), 0.8, 0.55
+        )
+        measured = exact + 0.005 * random.standard_normal(8)
+        sets.append(cal.RestitutionData(v, measured, contact, 0.005, name=f"m{k}"))
+
+    def off(x):
+        rows = []
+        for data, (sigma, psi) in zip(sets, np.exp(x[2:]).reshape(-1, 2), strict=True):
+            chi = x[0] + x[1] * float(data.contact.yield_ratio)
+            numbers = fit_oracle.numbers(data.contact)
+            rows.append(
+                (fit_oracle.curve(data.velocity, numbers, chi, sigma, psi) - data.restitution)
+                / 0.005
+            )
+        return np.concatenate(rows)
+
+    lowest = least_squares(off, [0.03, 0.0045, *np.log([0.8, 0.55] * 4)], x_scale="jac")
+    result = cal.fit(sets, profiles=False)
+    assert result.optimiser_report[-1].cost == pytest.approx(lowest.cost, abs=1e-5)
+    line = result.unloading_line
+    for found, expected in zip((line.c1, line.c2), lowest.x, strict=False):
+        assert found.value == pytest.approx(expected, abs=1e-4 * found.standard_error)
