@@ -110,7 +110,7 @@ class Export:
             return
         hit = sj.restitution(self.law, np.full(POINTS, below))  # by the program of the range
         slow = float(coefficient_of(hit, self.options.losses)[0])
-        elastic, unknown = slow > NEARLY_ELASTIC, fit is not None and below < fit.known_from
+        elastic, unknown = slow > NEARLY_ELASTIC, fit is not None and fit.known_from > 0
         if elastic:
             where = f"ε is {number(slow, 4)} at {number(below, 2)} m/s"
             yield f"Slower impacts lose nearly nothing ({where}): a bed settles slowly."

@@ -216,6 +216,15 @@ def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
     assert with_hold.startswith("With --below hold ε is held at 0.9")
 
 
+def test_files_say_what_the_data_do_not_determine_however_fast_the_range(tmp_path, above_yield):
+    result, _ = above_yield
+    options = {"velocity_range": (20.0, 40.0), "law": "exact", "steps": 50}
+    said = f"Below {float(result.law.contact.critical_velocity):.4g} m/s the data do not determine"
+    made = cal.export(result, "c", tmp_path, tolerance=0.1, **options)
+    assert f"{said} ε." in made.warnings
+    assert f"{said} eps." in (tmp_path / "softjax_law.h").read_text(encoding="utf-8")
+
+
 def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_path):
     with drawn() as figures:
         export = cal.export(STEEL, "c", tmp_path, velocity_range=RANGE, tolerance=0.02)
