@@ -38,6 +38,8 @@ class Status(enum.IntFlag):
     SOLVER_FAILED = 512
     INEXACT = 1024
 
+    __str__ = enum.Flag.__str__
+
     @property
     def advice(self) -> str:
         """What a user can do about it, in one sentence (empty where nothing is wrong)."""

@@ -118,7 +118,8 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
         some = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
         some = some.some(np.argsort(some.velocity, kind="stable"))
         confidence, yields_at = banded and banded.confidence, yield_velocity(source.law)
-        figure = plots.restitution_figure(some, label, yields_at, data, confidence)
+        of = "of the mean" if source.line is None else "of a further material"
+        figure = plots.restitution_figure(some, label, yields_at, data, confidence, of)
         plots.save(figure, folder / FILES["png"])
         if source.line is not None:
             figure = plots.unloading_line_figure(source.line, source.law.contact, source.name)

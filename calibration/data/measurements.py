@@ -160,6 +160,8 @@ class RestitutionData:
         Raises:
             ValueError: naming the column or argument, its value and what is accepted.
         """
+        if not hasattr(table, "keys"):
+            raise DataError("table", table, "named columns; `read_csv` reads a file")
         stated = {key: value for key, value in uncertainties.items() if value is not None}
         ball = _ball(diameter, mass, density, bodies, contact)
         try:

@@ -241,7 +241,11 @@ class Line:
             low, high = plain(mean - reach), plain(mean + reach)
             text = f"{name} {plain(mean):.4g}{ends.format(low, high)}"
             advice = f"; wide: state it (--{name})".replace("_", "-") * bool(high - low > WIDE)
-            lines.append(f"{text}: the mean of the fitted materials and their scatter{advice}")
+            scale = f"{'logit' if name == 'eps_up' else 'ln'} {name}"
+            lines.append(
+                f"{text}: from the mean of {scale} of the fitted materials and its whole scatter, in "
+                f"which the errors of the fits are{advice}"
+            )
         least, most = self.range
         if not least <= ratio <= most:
             text = f"warning: extrapolation: E/Y = {ratio:.4g}"

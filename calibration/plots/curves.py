@@ -223,16 +223,18 @@ def restitution_figure(
     yields_at: float | None = None,
     data: Any = None,
     confidence: float | None = None,
+    of: str = "of the mean",
 ) -> Figure:
     """ε over v; gaps where the law has no rebound; grey where a fit does not determine it.
 
-    `rows` is an ascending curve, `confidence` that of its band, if any; `yields_at` [m/s] is marked.
+    `rows` is an ascending curve, `confidence` that of its band, if any, and `of` what that is of;
+    `yields_at` [m/s] is marked.
     """
     ax, v = style.new_figure(4.2).add_subplot(), rows.velocity
     if confidence is not None:
         low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
         below, above = np.nanmin(rows.low), np.nanmax(rows.high)
-        room, share = WIDEST * max(high - low, LEAST_SPAN), f"{100 * confidence:g} %, of the mean"
+        room, share = WIDEST * max(high - low, LEAST_SPAN), f"{100 * confidence:g} %, {of}"
         if below < low - room or high + room < above:  # the curve could not be read
             ax.set_ylim(max(below, low - room), min(above, high + room))
             share += f"\n(wider than the picture: {number(below, 3)} to {number(above, 3)})"

@@ -231,7 +231,7 @@ def _plot_line(ax: Axes, line: Any, ratio: np.ndarray, top: float) -> None:
     for shown, dashes, label in ((within, "-", "Eq. (18)"), (~within, "--", "extrapolated")):
         ax.plot(ratio, np.where(shown, value, np.nan), dashes, color=style.BLACK, lw=1, label=label)
     if np.any(high > low):
-        label = f"{100 * line.confidence:g} % band of a further material"
+        label = f"{100 * line.confidence:g} %, of a further material"
         label += "\n(wider than the picture)" * bool(np.nanmax(high) > top)
         style.band(ax, ratio, low, high, style.GREY, label=label)
 

@@ -199,14 +199,14 @@ def observables_blocks(result: Any) -> list[Block]:
             }
             chi_squared = goodness.reduced_chi_squared
             rows.append(row | {"χ²/dof": "" if chi_squared is None else number(chi_squared, 3)})
-            remarks.append(what.words)
+            remarks.append(f"{what.symbol}: {what.words}")
     remarks = sorted({*remarks})
     for fit in result.materials:
         if (modulus := modulus_by_times(fit)) is not None:
             remarks.append(
-                f"{fit.name}: the contact times would determine E to {100 * modulus.error:.2g} %, at "
-                f"{np.exp(modulus.off):.3g} times the stated value; free youngs_modulus, or give it a "
-                "prior"
+                f"{fit.name}: the contact times alone would give "
+                f"{with_error(factor := np.exp(modulus.off), factor * modulus.error)} times the stated "
+                "E; free youngs_modulus, or give it a prior"
             )
     return [Block("table", pd.DataFrame(rows)), Block("list", remarks)] if rows else []
 

@@ -1,5 +1,7 @@
 """What else than ε a collision shows (`calibration.observables`): rows of one likelihood, against SciPy."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -236,7 +238,11 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     labels = [ax.get_ylabel() for ax in observables_figure(result).axes]
     assert labels == ["contact time", "data/fit − 1 [%]"]
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
-    assert "the contact times would determine E to 1 %" in report
+    times = re.search(r"the contact times alone would give (.*) ± (.*) times the stated E", report)
+    factor, error = (float(number) for number in times.groups())
+    assert 0.9 < factor < 0.92
+    assert error == pytest.approx(0.01 * factor, rel=0.06)  # of two digits
+    assert "\n- t_c: contact time\n" in report
     assert "| contact time t_c | 24 |" in report
     band = result.band(v[:12], impact=20)
     pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.012, 0.012)

@@ -1,12 +1,13 @@
 """The paper's procedure, Eq. (17) and then χ̃; Eq. (18)'s line through materials, and a further one by it."""
 
 import json
+import re
 from dataclasses import replace
 
 import lmfit
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 from scipy.optimize import least_squares
 
 import calibration as cal
@@ -15,7 +16,7 @@ from calibration import cli
 from tests import fit_oracle
 from tests.fit_data import TRUTH, eq_17_data, pair
 from tests.fit_oracle import own_model
-from tests.shown.capture import band, bars, drawn, line
+from tests.shown.capture import band, bars, drawn, labels, line
 
 # found independently by least squares on the energy balance
 CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
@@ -411,7 +412,7 @@ def line_is_drawn(figure, result):
         np.testing.assert_allclose(height, np.where(np.isfinite(height), c1 + c2 * at, np.nan))
         (drawn_line,) = (one for one in ax.get_lines() if one.get_label() == label)
         assert drawn_line.get_linestyle() == dashes
-    at, low, high = band(ax, "95 % band of a further material\n(wider than the picture)")
+    at, low, high = band(ax, "95 %, of a further material\n(wider than the picture)")
     np.testing.assert_allclose([np.interp(x, at, low), np.interp(x, at, high)], ends, rtol=1e-2)
     assert [one[0].get_marker() for one in ax.containers] == ["o"] * len(fitted) + ["D"]
 
@@ -428,9 +429,16 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     with drawn() as figures:
         assert cli.main(words) == 0
     line_is_drawn(figures["line.png"], result)
+    assert any(
+        x.startswith("95 %, of a further material") for x in labels(figures["curve.png"].axes[0])
+    )
     printed, error = capsys.readouterr()
     assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in printed
-    assert "eps_up 0.9" in printed
+    (remark,) = re.findall(
+        r"eps_up (0[.0-9]+), .*?: from the mean of logit eps_up", " ".join(printed.split())
+    )
+    logits = [special.logit(m.eps_up) for m in result.unloading_line.materials]
+    assert float(remark) == pytest.approx(special.expit(np.mean(logits)), abs=5e-5)
     measured = np.concatenate([fit.data.velocity for fit in result.materials])
     ends = f"{measured.min():.4g} to {measured.max():.4g} m/s"
     assert f"the data of the fitted materials from {ends}" in error

@@ -21,6 +21,7 @@ def test_each_flag_but_plain_and_elastic_has_a_remedy():
     assert GAIN.advice in both.advice
     assert sj.Status.NO_RESIDUAL_OVERLAP.advice in both.advice
     assert sj.Status.PLAIN.advice == ""
+    assert str(sj.Status.INVALID_INPUT) == "Status.INVALID_INPUT"
 
 
 def chosen(hit, places):

@@ -226,6 +226,7 @@ HEIGHTS = {"drop_height": [1.0, 2.0], "rebound_height": [0.9, 1.6]}
 TRAIN = {"interval": [1.0, 0.9, 0.8]}
 COLUMNS = {
     "no columns": ("set of columns", "empty", {}, {}),
+    "a file": ("table", "named columns|read_csv|file.csv", "file.csv", {}),
     "a column that nobody knows": ("set of columns", "'colour'|not known", {"colour": [1.0]}, {}),
     "a slip of the pen": ("column", "did you mean 'restitution'", {"v": [1.0], "restituion": [0.9]}, {}),
     "columns of other lengths": ("restitution", "as long as `velocity`|1", {"v": [1.0, 2.0], "e": [0.9]}, {}),
