@@ -84,6 +84,8 @@ def looks(figure: Figure) -> list[str]:
             dashes = rounded(x._unscaled_dash_pattern[1] or ())
             parts.append(f"{x.get_marker()} {to_hex(x.get_color())} {x.get_linewidth():g} {dashes}")
         parts += [f"{rounded(x.get_position(), x.get_rotation())} {x.get_ha()}" for x in ax.texts]
+        parts.append(rounded([x.get_rotation() for x in ax.get_xticklabels()[:1]]))
+        parts.append(rounded([x.get_alpha() or 1 for x in ax.collections]))
         rows.append(" | ".join(parts))
     return rows
 
