@@ -198,8 +198,8 @@ class Export:
         rows |= {
             "law": f"{choice.label} ({HOW[choice.backend.name]})",
             "range": f"{number(low)} to {number(high)} m/s, ε {_ends(self.target.restitution)}",
-            "largest error": f"{number(choice.total)}: law {number(choice.error, 2)}, "
-            f"time step {number(steps.error, 2)}; tolerance {number(self.options.tolerance)}",
+            "largest error": f"{number(choice.total, 3)}: law {number(choice.error, 2)}, "
+            f"time step {number(steps.error, 2)}; tolerance {number(self.options.tolerance, 3)}",
             "dissipated energy": f"{100 * self.energy_error:+.1f} %",
             "contact": f"{shortest} to {longest} µs",
             "largest overlap": f"{share} % of the {self.target.radius_of} radius",

@@ -22,6 +22,8 @@ from calibration.rounding import number
 
 MARKERS = "s^vDoP"  # of residuals
 FINE = 240  # points of a curve
+OUTLIER = "not explained by the noise"
+ROOM_OF_ARROWS = 0.2  # at the edges, in heights of the rest
 FEW = 30  # points that are drawn as such
 EQ_17 = "Eq. (17)"
 FIRST = ("data", "Zhou, fitted", EQ_17)  # in the legend
@@ -79,8 +81,11 @@ def _figure(
     result: Any, shown: list[Any], height: float, what: str, ratio=False, from_rest=False
 ) -> Figure:
     figure, grid = style.panels(len(shown), height, what, (2.6, 1), 0.75)
+    measured = [f.data.velocity[slice(None) if o is None else o.rows] for f, o, _ in shown]
+    wide = not from_rest and any(map(style.spans_decades, measured))
+    logarithmic = wide and min(map(np.min, measured)) > 0  # one kind of axis for all
     for (fit, observed, lines), axes in zip(shown, grid, strict=False):
-        _plot_observable(result, fit, observed, axes, lines, ratio, from_rest)
+        _plot_observable(result, fit, observed, axes, lines, ratio, from_rest, logarithmic)
     style.legend_below(figure, list(grid.flat), first=FIRST)
     return figure
 
@@ -93,6 +98,7 @@ def _plot_observable(
     lines: Sequence[Line],
     ratio: bool,
     from_rest: bool,
+    logarithmic: bool,
 ) -> None:
     """Data, curves and residuals of one observable; ε for None."""
     (upper, lower), data, sizes = axes, fit.data, distinct_impacts(fit)
@@ -103,7 +109,6 @@ def _plot_observable(
         value, error = observed.value, observed.uncertainty
     scale = float(fit.contact.critical_velocity) if ratio else 1.0
     x = data.velocity[rows] / scale
-    logarithmic = style.spans_decades(data.velocity[rows]) and not from_rest
     fine = data.velocity if sizes else _fine(data.velocity, logarithmic, from_rest)
     subsets: Sequence[tuple[Any, str | None]] = [(slice(None), None)]
     if 1 < len(sizes) <= len(MARKERS) and not ratio:
@@ -139,6 +144,14 @@ def _plot_observable(
         style.points(lower, x[which], left[which], up, None, color, marker, text)
     lower.ticklabel_format(axis="y", scilimits=(-3, 3))
     lower.margins(y=0.12)  # of whole markers
+    far = np.isin(rows + 1, [o.row for o in fit.outliers if o.observable == name])
+    others = np.append(value[~far], fitted)
+    ends = np.array([np.nanmin(others), np.nanmax(others)])
+    room = WIDEST * max(np.ptp(ends), LEAST_SPAN * ends[1])
+    beyond = far & ((value < ends[0] - room) | (value > ends[1] + room))
+    beyond &= observed is None or not style.spans_decades(value)
+    _mark_outliers(upper, x, value, far & ~beyond, beyond, fitted)
+    _mark_outliers(lower, x, left, far & ~beyond, beyond, 0.0)
     for ax in (upper, lower) if logarithmic else ():
         style.logarithmic_x(ax)
     lower.set_xlim(upper.get_xlim())
@@ -153,6 +166,25 @@ def _plot_observable(
             upper.set_yscale("log")
             upper.yaxis.set_minor_formatter(NullFormatter())
         upper.yaxis.set_major_formatter(EngFormatter(OBSERVABLES[name].unit))
+
+
+def _mark_outliers(ax: Axes, x, value, inside, beyond, curve: Any) -> None:
+    """Outliers inside the picture have a ring; those that would flatten the others are arrows at its edge."""
+    look = {"color": style.VERMILION, "linestyle": "none"}
+    if np.any(inside):
+        ax.plot(x[inside], value[inside], "o", ms=8, mfc="none", label=OUTLIER, **look)
+    if np.any(beyond):
+        others = np.append(value[~beyond], curve)
+        low, high = np.nanmin(others), np.nanmax(others)
+        room = ROOM_OF_ARROWS * (high - low)
+        ax.set_ylim(low - room, high + room)
+        for which, edge, marker in (
+            (beyond & (value < low), low - room / 2, "v"),
+            (beyond & (value > high), high + room / 2, "^"),
+        ):
+            if np.any(which):
+                label = f"{OUTLIER}, beyond the picture"
+                ax.plot(x[which], edge + 0 * x[which], marker, label=label, **look)
 
 
 def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, scale) -> None:

@@ -486,6 +486,29 @@ def test_residuals_of_groups_have_colours_and_markers(tmp_path):
     assert legend(figures["curves.png"])[-1] == "one marker for each group"
 
 
+def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(tmp_path):
+    """0.01 off: a ring; 0.6 off: an arrow at the edge of both panels."""
+    v = np.geomspace(0.5, 5.0, 12)
+    e = 0.9 + 0.001 * (-1.0) ** np.arange(12)
+    e[[3, 7]] = 0.91, 0.3
+    data = [cal.RestitutionData(v, e, uncertainty=0.001, name="a")]
+    data.append(cal.RestitutionData(20 * v**2, e, uncertainty=0.001, name="b"))
+    result = cal.fit(data, "constant", noise="student-t", profiles=False)
+    with drawn() as figures:
+        result.report(tmp_path / "out")
+    axes = figures["curves.png"].axes
+    assert {ax.get_xscale() for ax in axes} == {"log"}
+    for ax in axes[:4]:
+        assert np.ptp(ax.get_ylim()) < 0.1
+        marked = {m: [x for x in ax.get_lines() if x.get_marker() == m] for m in "ov"}
+        (ring,) = (x for x in marked["o"] if x.get_markersize() == 8)
+        (arrow,) = marked["v"]
+        assert [len(x.get_xdata()) for x in (ring, arrow)] == [1, 1]
+        low, high = ax.get_ylim()
+        assert low < arrow.get_ydata()[0] < low + 0.2 * (high - low)
+    assert len([x for x in legend(figures["curves.png"]) if x.startswith("not explained by")]) == 2
+
+
 def test_pictures_are_narrow_enough_for_a_telephone(alloy, main_job, compared, studied):
     """Scaled from 6.4 inches to 420 pixels, letters of 10 points are 9 pixels high."""
     for job in (alloy, main_job, compared, studied):
