@@ -170,7 +170,7 @@ def _plot_observable(
 
 def _mark_outliers(ax: Axes, x, value, inside, beyond, curve: Any) -> None:
     """Outliers inside the picture have a ring; those that would flatten the others are arrows at its edge."""
-    look = {"color": style.VERMILION, "linestyle": "none"}
+    look: dict[str, Any] = {"color": style.VERMILION, "linestyle": "none"}
     if np.any(inside):
         ax.plot(x[inside], value[inside], "o", ms=8, mfc="none", label=OUTLIER, **look)
     if np.any(beyond):
