@@ -30,6 +30,8 @@ DONE, UNUSABLE, NOT_WRITTEN, INTERNAL, INTERRUPTED = 0, 2, 3, 70, 130
 # of a stream that is closed, or full
 STREAM = {errno.EBADF, errno.EIO, errno.EFBIG, errno.ENOSPC, errno.EDQUOT}
 CACHE_SIZE = 256 * 1024**2  # bytes; beyond, JAX removes what was used longest ago
+# options by the arguments of functions that they become
+OPTIONS = {"velocity_range": "range", "count": "shots", "sensors": "sensor"}
 CODES = """exit codes:
   0  done
   1  a fit did not converge; its results are written, and marked
@@ -112,7 +114,11 @@ def _run(argv: Sequence[str]) -> int:
         logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
         if arguments.cache:
             keep_compilations()
-        code = command.run(arguments)
+        try:
+            code = command.run(arguments)
+        except DataError as error:
+            error.argument = _option_of(error.argument, arguments)
+            raise
         for place, (new, older) in () if arguments.quiet else output.written.items():
             if not getattr(arguments, "json", False):
                 print(f"Written to {place}: {listed(new)}")
@@ -123,6 +129,16 @@ def _run(argv: Sequence[str]) -> int:
     finally:
         if sys.stdout is not None:  # what a buffer holds is not printed yet
             sys.stdout.flush()
+
+
+def _option_of(argument: str, arguments: argparse.Namespace) -> str:
+    """The option that became an argument of a function, else the argument."""
+    name, own = argument.partition("[")[0], hasattr(arguments, "export_law")
+    if name == "velocity" and hasattr(arguments, "first"):
+        return "--from, --to"
+    name = "export_law" if name == "law" and own else OPTIONS.get(name, name)
+    is_stated = getattr(arguments, name, None) not in (None, [])
+    return f"--{name.replace('_', '-')}" if is_stated else argument
 
 
 def _parsed(argv: Sequence[str]) -> tuple[str, Any, argparse.Namespace]:

@@ -75,10 +75,10 @@ def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     elif fault["type"] == "extra_forbidden":
         names = known_below(model, fault["loc"][:-1])
         near = did_you_mean(str(fault["loc"][-1]), names)
-        value, known = "there", f"left out: known are {', '.join(names)}"[:MOST] + near
+        value, known = "unknown", f"left out: known are {', '.join(names)}"[:MOST] + near
     elif fault["type"] != "value_error" and field is not None:
         known = (field.json_schema_extra or {}).get("accepted", known)  # type: ignore[union-attr]
-    if isinstance(fault["input"], str) and value != "there":
+    if isinstance(fault["input"], str) and value != "unknown":
         known += " without quotation marks" * (fault["type"] in ("float_type", "int_type"))
         known = known[:MOST] + "…" * (len(known) > MOST) + did_you_mean(value, known.split('"'))
         value = f'"{value}"'

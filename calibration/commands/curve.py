@@ -79,7 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         ends = f"{velocity.min():.4g} to {velocity.max():.4g} m/s"
         lines = console.wrapped(
-            [*source.remark.splitlines(), f"{len(velocity)} velocities, {ends}"]
+            [
+                *source.remark.splitlines(),
+                f"{len(velocity)} {'velocities' if len(velocity) > 1 else 'velocity'}, {ends}",
+            ]
         )
         print("\n".join(lines))
     return 0

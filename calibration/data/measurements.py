@@ -165,7 +165,7 @@ class RestitutionData:
         stated = {key: value for key, value in uncertainties.items() if value is not None}
         ball = _ball(diameter, mass, density, bodies, contact)
         try:
-            rows = read_rows(table, ball, stated, gravity, group, air, of_file=origin is not None)
+            rows = read_rows(table, ball, stated, gravity, group, air, origin)
             remarks = (*remarks, *rows.remarks)
             points = points_of(rows)
             more = observed_of(rows, points)
@@ -481,5 +481,5 @@ def _contact_of(contact: Any, columns: Any, density: Any, one_size: bool) -> sj.
     radius = radius_of(columns, density)
     if radius is None:
         accepted = "stated with the bodies, or a column diameter, radius or mass (with the density)"
-        raise DataError("radius", "missing", accepted)
+        raise DataError("radius or diameter", "missing", accepted)
     return contact(radius)

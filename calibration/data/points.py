@@ -48,7 +48,7 @@ from calibration.data.columns import (
 )
 from calibration.data.point_errors import PointErrors, paired, three
 from calibration.data.units import in_si, parted, unit_of
-from calibration.errors import DataError, did_you_mean, listed
+from calibration.errors import DataError, Origin, did_you_mean, listed
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 FASTEST_FALL = 20.0  # m/s, of more than 20 m
@@ -76,6 +76,7 @@ class Rows(NamedTuple):
     air: Air | None
     fall: Fall | None
     remarks: tuple[str, ...]
+    origin: Origin | None
 
     def uncertainty(self, name: str, of: Column) -> Column | None:
         """The uncertainty of `of` in the column of that name, None where there is none."""
@@ -116,12 +117,12 @@ def read_rows(
     gravity: float | None,
     group: Sequence[Any] | None,
     air: Any,
-    of_file: bool,
+    origin: Origin | None,
 ) -> Rows:
     """The used columns of a table (see `RestitutionData.from_table`).
 
-    `ball`: diameter, mass and density of what flies, None where not known. `of_file`: whether assumed
-    units are a remark.
+    `ball`: diameter, mass and density of what flies, None where not known. `origin`: of a file, whose
+    assumed units are a remark.
     """
     headers = getattr(table, "columns", None)  # a frame's
     headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
@@ -163,8 +164,9 @@ def read_rows(
     g = STANDARD_GRAVITY if gravity is None else gravity
     g = as_number("gravity", g, lambda g: g > 0, "a positive acceleration in m/s²")
     around, remarks = _air(air, columns, ball, kind, g)
-    remarks = (*layout.remarks, *filter(None, [layout.assumed * of_file]), *remarks)
-    return Rows(kind, columns, layout.relative, g, around, _fall(layout, around, g), remarks)
+    remarks = (*layout.remarks, *filter(None, [layout.assumed * (origin is not None)]), *remarks)
+    fall = _fall(layout, around, g)
+    return Rows(kind, columns, layout.relative, g, around, fall, remarks, origin)
 
 
 def points_of(rows: Rows) -> Points:
@@ -357,8 +359,9 @@ def _complete(rows: Rows) -> tuple[np.ndarray, tuple[str, ...]]:
         return np.arange(len(missing)), ()
     if np.all(missing):
         raise DataError("set of rows", "empty", f"one with {listed(rows.kind.needs)}, or more")
-    count, row = int(np.sum(missing)), int(np.argmax(missing)) + 1
-    remark = f"{count} row(s) without a measurement are left out, the first of them row {row}"
+    count, row, origin = int(np.sum(missing)), int(np.argmax(missing)), rows.origin
+    first_is = f"row {row + 1}" if origin is None else f"line {origin.line_of(row)}"
+    remark = f"{count} row(s) without a measurement are left out, the first of them {first_is}"
     return np.flatnonzero(~missing), (remark,)
 
 

@@ -432,7 +432,7 @@ def _check_count(spec: SetSpec, own: Sequence[Element]) -> None:
     if count <= len(names):
         free = f"{len(names)} free parameter{'s' * (len(names) != 1)} ({', '.join(names)})"
         problem = f"{count} point{'s' * (count != 1)} for {free}"
-        raise spec.data.refusal(problem, "more points than free parameters")
+        raise spec.data.refusal(problem, "more points than free parameters are needed")
 
 
 def _stages(component: Component, route: Route) -> Iterator[tuple[str, Problem]]:

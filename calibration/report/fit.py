@@ -332,7 +332,7 @@ def _computed(result: Any) -> str:
     condition = number(result.condition_number, 2)
     rank = f"Rank {result.rank} of {len(result.covariance_names)} free parameters"
     seconds = number(result.times.get("searches", 0.0), 2)
-    searches = f"{len(stages)} searches, {sum(s.evaluations for s in stages)} evaluations"
+    searches = f"{len(stages)} search{'es' * (len(stages) != 1)}, {sum(s.evaluations for s in stages)} evaluations"
     return f"{settings}. {rank}, condition number {condition}. {searches}, {seconds} s."
 
 

@@ -67,9 +67,9 @@ READ = {
     "velocity\trestitution\tx\n(cm/s)\t(%)\t\n12\t95\ta\n300\t70\tb\n": ([0.12, 3], [0.95, 0.7], (3, 4), "'x'"),
     "velocity [cm/s];restitution\ncm/s;%\n12,0;95\n3,0e2;70\n": ([0.12, 3], [0.95, 0.7], (3, 4), "commas"),
     "v,e\ncm/s,\n100,0.9\n": ([1], [0.9], (3,), "velocity ('v [cm/s]')"),
-    "v,e,specimen\n,,A\n1,0.9,B\n": ([1], [0.9], (3,), "row 1"),
+    "v,e,specimen\n,,A\n1,0.9,B\n": ([1], [0.9], (3,), "the first of them line 2"),
     "operator,v,e,t\nMüller,1.0,0.9,12:30\n,2.0,0.8,\n": ([1, 2], [0.9, 0.8], (2, 3), "'operator'"),
-    "v,e,specimen\n1,0.9,a\n2,,a\n# pause\n3,0.7,b\n": ([1, 3], [0.9, 0.7], (2, 5), "1 row(s)"),
+    "v,e,specimen\n1,0.9,a\n2,,a\n# pause\n3,0.7,b\n": ([1, 3], [0.9, 0.7], (2, 5), "1 row(s) without a measurement are left out, the first of them line 3"),
     "h0,h1 [mm]\n1,640\n": (None, [0.8], (2,), "assuming drop_height in m"),
     "v,e\n1,0.8\n": ([1], [0.8], (2,), "assuming velocity in m/s"),
 }  # fmt: skip

@@ -135,7 +135,7 @@ TOML_FILES = {
     "one velocity beyond": ("m.csv:4", "velocity|2|1.1204 m/s|√(3 Y/ρ)", key(6, "yield_strength = 3360")),
     "Poisson's ratio": ("m.toml:4", "poisson_ratio|0.51|(-1, 0.5]", key(4, "poisson_ratio = 0.51")),
     "Poisson's ratio of -1": ("m.toml:4", "poisson_ratio|-1|(-1, 0.5]", key(4, "poisson_ratio = -1")),
-    "no radius": ("m.csv:1", "radius is missing|with the bodies|diameter", key(7, "")),
+    "no radius": ("m.csv:1", "radius or diameter is missing|with the bodies|diameter", key(7, "")),
     "radius and diameter": ("m.toml:7", "radius, diameter", key(7, "radius = 0.01\ndiameter = 0.02")),
     "one radius, one diameter": ("m.toml:7", "radius_1, diameter_2", key(7, "radius_1 = 0.01\ndiameter_2 = 0.02")),
     "a wall and two radii": ("m.toml:7", "wall|radius|diameter", key(7, "radius_1 = 0.01\nradius_2 = 0.02") + '[material.wall]\nmaterial = "nylon"\n'),
@@ -186,7 +186,7 @@ TOML_FILES = {
 SAID = TOML + "[material.parameters]\n"
 BARE = '[[material]]\nname = "bare"\ndata = "m.csv"\n[material.parameters]\n'
 PROBLEMS = {
-    "unknown field of a parameter": ("m.toml:10", "start of chi|known are value, free", SAID + "chi = { start = 1.0 }\n"),
+    "unknown field of a parameter": ("m.toml:10", "start of chi is unknown|known are value, free", SAID + "chi = { start = 1.0 }\n"),
     "value out of its bounds": ("m.toml:11", "value of chi|3|[1, 2]", SAID + "[material.parameters.chi]\nvalue = 3.0\nbounds = [1.0, 2.0]\n"),
     "bounds the wrong way round": ("m.toml:10", "bounds of sigma|[2.0, 1.0]", SAID + "sigma = { bounds = [2.0, 1.0] }\n"),
     "prior without a width": ("m.toml:10", "prior of sigma|[2.0, 0.0]|positive", SAID + "sigma = { prior = [2.0, 0.0] }\n"),
