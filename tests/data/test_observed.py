@@ -127,7 +127,7 @@ def test_sizes_in_the_rows_make_a_contact_for_each(read_toml):
     np.testing.assert_array_equal(same.contact.mass, expected.mass)
     with pytest.raises(ValueError, match="diameter is a column, and the bodies have one size"):
         read_toml(TOML + "radius = 0.01\n" + ON_WALL, csv.format("diameter [mm]", 10, 20))
-    with pytest.raises(ValueError, match="radius is missing; it must be stated with the bodies"):
+    with pytest.raises(ValueError, match="radius or diameter is missing; it must be stated"):
         read_toml(TOML + ON_WALL, "velocity,restitution\n1,0.9\n")
     drops = "drop_height [m],rebound_height [m],diameter [mm]\n0.5,0.3,3\n0.5,0.3,30\n"
     (data,) = read_toml(TOML + ON_WALL, drops)

@@ -450,7 +450,7 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     np.testing.assert_allclose(rows[:, 1:4].T, [band.coefficient, band.low, band.high], rtol=1e-12)
     for more, message in (
         (["--chi", "1"], "`--chi` must be left out with --line"),
-        (["--eps-up", "2"], "`eps_up` must be between 0 and 1"),
+        (["--eps-up", "2"], "`--eps-up` must be between 0 and 1"),
     ):
         assert cli.main([*words, *more]) == 2
         assert message in capsys.readouterr().err
