@@ -226,7 +226,9 @@ def test_a_table_has_durations_overlaps_and_forces_where_there_is_a_force(at):
     for text in ("1\n1\n", "2\n1\n", "1\n2\n2\n3\n"):
         (at / "v.csv").write_text(text, encoding="utf-8")
         curve(*CONSTANT, "--velocities", "v.csv", "--table", error="ascend")
-    assert "1 velocity, 2 to 2 m/s" in curve(*CONSTANT, "--from", 2, "--to", 2, "--points", 1)
+    assert "1 velocity, 2 to 2 m/s" in curve(
+        *CONSTANT, "--from", 2, "--to", 2, "--points", 1, "--out", "one"
+    )
 
 
 def test_a_fit_gives_its_band_and_says_where_its_data_end(at, above_yield):
