@@ -4,7 +4,8 @@ A data set is rows of (velocity, observable, value). ε is the one that every se
 are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one
 likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, for what is
 predicted, and of `data.columns.OBSERVED` with two fields of `RestitutionData`, for what is measured. It follows
-from the force alone: one that depends on ε needs `request._identified` to search σ and ψ for it too.
+from the force alone: one that depends on ε also concerns what `request._identified` searches, what `laws` starts
+from and takes for known, and in `collisions` and `traceable` the branch at yield and the sign of ε².
 
 The others have a dimension: a fit works with them in parts of a power law of v through the measured
 values, so that scatter, where none is stated, is relative.

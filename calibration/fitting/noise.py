@@ -2,8 +2,9 @@
 
 A further family is a class with the methods of `Normal`, smooth at r = 0, an entry of `FAMILIES` and the
 same word in `FitOptions.noise`. Its fields are numbers of its own, set by `FitOptions.noise_<field>`; one that
-can be estimated is an entry of `NUMBERS`. All but `Normal` are for independent errors. Prediction bands and
-`far_from_stated` take quantiles of t with its `dof`; `uncertainty` has errors of variances as of that many residuals.
+can be estimated is an entry of `NUMBERS`, and the places that have `noise_dof` by name are to have it, too.
+All but `Normal` are for independent errors. Prediction bands and `far_from_stated` take quantiles of t with its
+`dof`; `uncertainty` has errors of variances as of that many residuals.
 
 Methods with `xp` work for NumPy and for jax.numpy; the others are for searches, in NumPy.
 """
