@@ -14,9 +14,10 @@ from jaxtyping import Float, Int
 
 from calibration.fitting.laws import LINE
 from calibration.fitting.methods import condense
-from calibration.fitting.problem import DRAG, Lanes, Problem, acts_on_nothing, alike
+from calibration.fitting.problem import DRAG, Lanes, Problem, acts_on_nothing
 from calibration.fitting.request import Request, SetSpec, assemble
 from calibration.fitting.search import Ends, search
+from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.stages import ComponentFit, fit_component
 from calibration.fitting.variances import first_variances
 from calibration.parameters import NONE, Parameter
@@ -87,7 +88,7 @@ def _near(own: Sequence[Own], ratio, c: np.ndarray) -> tuple[np.ndarray, dict[in
         rows.setdefault(id(fit), []).append(i)
     groups = []
     for members in alike([fit.final.problem for fit in fits]):
-        problem, lanes = Problem.side_by_side([fits[m].final.problem for m in members])
+        problem, lanes = as_one([fits[m].final.problem for m in members])
         of = [rows[id(fits[m])] for m in members]
         chi = np.array([own[i][2] for i in of[0]])
         design = np.stack([np.ones(np.shape(of)), ratio[of]], axis=-1)

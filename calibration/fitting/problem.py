@@ -30,7 +30,6 @@ Z = Float[np.ndarray, "fits elements"]
 NAMES = tuple(OBSERVABLES)
 DRAG = "air_drag"  # c, what the drag coefficient of flights in air is off by, in parts
 FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
-ALONE = 20_000  # points from which on a problem fills its batches alone
 AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
 ROUNDED = 1e-10  # of the strongest element, below which the effect of one is rounding
 WEAK = 1e-7  # the same of an element far out at an end of its range
@@ -361,20 +360,6 @@ class Problem:
         )
 
     @property
-    def kind(self) -> Any:
-        """What problems of single data sets share that can be searched side by side; None where this cannot."""
-        laws, held = self.laws, (self.pull, self.elastic, self.within, self.drag)
-        more = (self.pools, self.with_prior, np.any(self.inside), np.any(self.points.observable))
-        is_simple = (
-            len(self.errors) == laws.size == 1 and self.errors[0].is_normal and self.is_fixed
-        )
-        if not is_simple or any(a is not None for a in held) or any(more) or any(laws.shape.shared):
-            return None
-        arrays = (laws.element, self.active, *self.transform)
-        of_laws = (laws.model, laws.shape, laws.names, laws.moving, laws.free, laws.area)
-        return *of_laws, self.route, *(a.tobytes() for a in arrays)
-
-    @property
     def more(self) -> int:
         """Rows that stand for what V adds."""
         return 2 * self.count if self.moves else 0
@@ -403,32 +388,6 @@ class Problem:
             for values in theta
         ]
         return np.array(limits)[:, back].reshape(*np.shape(z)[:-1], len(back))
-
-    @staticmethod
-    def side_by_side(problems: "Sequence[Problem]") -> "tuple[Problem, Lanes]":
-        """Problems of one kind as one, and a lane of each, whose points weigh by their variances."""
-        if len(problems) == 1:
-            return problems[0], Lanes()
-        longest = max(problems, key=lambda problem: problem.count)
-        missing = [longest.count - problem.count for problem in problems]
-
-        def filled(columns, by: Any = "edge") -> np.ndarray:
-            pairs = zip(columns, missing, strict=True)
-            return np.array([np.pad(column, (0, more), by) for column, more in pairs])
-
-        variances = [problem.errors[0].diagonal(problem.variances[0]) for problem in problems]
-        weights = [p.points.copies / v for p, v in zip(problems, variances, strict=True)]
-        contacts = [p.laws.contact or {} for p in problems]
-        lanes = Lanes(
-            of=np.arange(len(problems)),
-            value=filled([p.points.value for p in problems]),
-            copies=filled(weights, "constant"),
-            velocity=filled([p.points.velocity for p in problems]),
-            contact={n: np.array([c[n] for c in contacts]) for n in contacts[0]} or None,
-            fixed=np.array([p.laws.fixed for p in problems]),
-        )
-        alike, count = (Errors.known(longest.points.velocity, 1.0),), np.zeros(len(problems), int)
-        return replace(longest, errors=alike, variances=({},), evaluated=count), lanes
 
     def law_of(self, theta: Float[np.ndarray, " elements"], g: int) -> sj.ContactLaw:
         """The law of a data set; of its first impact where it has several."""
@@ -623,12 +582,3 @@ class Problem:
             off = off - np.mean(off, axis=1, keepdims=True)
             slopes = np.broadcast_to(per[:, self.active], (fits, count, len(self.active)))
             yield off / pool.spread, slopes
-
-
-def alike(problems: Sequence[Problem]) -> list[list[int]]:
-    """Places of the problems that can be searched side by side, together."""
-    groups: dict[Any, list[int]] = {}
-    for i, problem in enumerate(problems):
-        kind = problem.kind
-        groups.setdefault(i if kind is None else kind, []).append(i)
-    return list(groups.values())

@@ -13,9 +13,10 @@ from jaxtyping import Float, Int
 from calibration.fitting.material import Estimate
 from calibration.fitting.methods import condense
 from calibration.fitting.neighbourhoods import condensed
-from calibration.fitting.problem import DRAG, Problem, alike
+from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.search import FARTHEST as FURTHEST
 from calibration.fitting.search import search
+from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.stages import ComponentFit
 from calibration.fitting.uncertainty import quantile
 from calibration.parameters import LOGIT, NONE
@@ -82,7 +83,7 @@ class _Walks:
     """
 
     def __init__(self, tasks: Sequence[ProfileTask]):
-        self.problem, lanes = Problem.side_by_side([task.problem for task in tasks])
+        self.problem, lanes = as_one([task.problem for task in tasks])
         problem, z = self.problem, np.array([task.z for task in tasks])
         walks = [
             (t, k, sign)

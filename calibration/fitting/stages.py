@@ -16,7 +16,7 @@ from calibration.fitting.errors import Errors
 from calibration.fitting.laws import OF_CONTACT, SPRINGS
 from calibration.fitting.methods import TINY, Condensed, condense
 from calibration.fitting.neighbourhoods import condensed
-from calibration.fitting.problem import Lanes, Problem, alike
+from calibration.fitting.problem import Lanes, Problem
 from calibration.fitting.request import Component, Request, assemble
 from calibration.fitting.search import (
     LARGEST_STEP,
@@ -26,6 +26,7 @@ from calibration.fitting.search import (
     guided_search,
     search,
 )
+from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
     first_variances,
@@ -489,7 +490,7 @@ def _first_ends(components: list[Component], options: FitOptions) -> list[list[E
         screened(problem, component.start, options.starts, options.seed, REFINED)
         for problem, component in zip(problems, components, strict=True)
     ]
-    problem, lanes = Problem.side_by_side(problems)
+    problem, lanes = as_one(problems)
     of = np.repeat(np.arange(len(problems)), list(map(len, starts)))
     places, beside, limit = np.concatenate(starts), lanes.some(of), options.max_steps
     batch = guided_search(problem, places, options.optimiser, lanes=beside, limit=limit)
