@@ -8,9 +8,9 @@ size. It is compiled once for a type of law, a route, an observable and a set of
 number of impacts, of fits side by side, of data sets and of parameters behind the leaves.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,18 +22,11 @@ import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
 from calibration.observables import RESTITUTION, predicted
-from softjax.batching import QUICK, SOONEST, accepted
+from softjax.batching import filled, in_few_sizes
 from softjax.fields import shared_fields
 
 PROBES = 3  # places at which it is looked which leaves move
 FEW_ROWS = 128  # that are built at once
-
-# A block costs what it costs, filled or not, and each size is compiled for itself: small ones for
-# all but very many impacts. Measured, value and three slopes: 256 impacts take 0.18 ms by the energy
-# balance and 1.4 ms by the ODE; in blocks of 8192 0.23 µs an impact, where time steps gain nothing.
-SMALL = 256
-LARGE = 8192
-SIZES = {LARGE: 32_768, 2048: 8192}  # of a block: from so many impacts on it is worth compiling
 
 TINY_SQUARED = 1e-6  # below this ε² the root that guides a search is continued by another
 BENT_SQUARED = 1e-7  # the same of what a fit is judged by
@@ -195,7 +188,7 @@ def _padded(values: np.ndarray) -> np.ndarray:
     size = FEW_ROWS
     while size < len(values):
         size *= 8
-    return _filled(values, size)
+    return filled(values, size)
 
 
 @partial(jax.jit, static_argnames=("model", "area", "free"))
@@ -239,44 +232,17 @@ def expand(
         elastic: the branch that each impact's ε is held on, None: as the law has it.
         observable: what is predicted, of `calibration.observables`.
     """
-    begun, filled = [], []
     route = shape.route if route is None else route  # one name for one program
-    for rows, size in _blocks(len(velocity), route):
-        some = [
-            leaf if shape.shared[k] and k not in moving else _filled(leaf[rows], size)
-            for k, leaf in enumerate(leaves)
-        ]
-        branches = None if elastic is None else _filled(elastic[rows], size)
-        by_time = isinstance(route, sj.ODE)
-        block = _compiled(size, by_time or any(shape.shared[k] for k in moving))
-        at = _filled(velocity[rows], size)
-        begun.append(block(some, at, branches, shape, moving, route, observable))
-        filled.append(rows.stop - rows.start)
-    # all blocks have begun before the first is waited for
-    pairs = zip(begun, filled, strict=True)
-    parts = [[np.asarray(a)[..., :count] for a in block] for block, count in pairs]
-    return [np.concatenate(a, -1) if len(parts) > 1 else a[0] for a in zip(*parts, strict=True)]
+    single = [shape.shared[k] and k not in moving for k in range(len(leaves))]
+    many = [not one for one in single] + [True] * (1 if elastic is None else 2)
+    inputs, settings = (list(leaves), velocity, elastic), (shape, moving, route, observable)
+    long, by_time = any(shape.shared[k] for k in moving), isinstance(route, sj.ODE)
+    return in_few_sizes(_block, inputs, many, *settings, long=long, by_time=by_time)
 
 
-def _blocks(count: int, route: Route) -> Iterator[tuple[slice, int]]:
-    """Rows and size of each block: large ones as long as they are filled well, then small ones."""
-    sizes = {} if isinstance(route, sj.ODE) else SIZES
-    first = 0
-    while first < count:
-        filled = (s for s, least in sizes.items() if count >= least and count - first >= s)
-        size = next(filled, SMALL)
-        yield slice(first, min(first + size, count)), size
-        first += size
-
-
-def _filled(values: np.ndarray, size: int) -> np.ndarray:
-    """Padded to a size with the last row."""
-    missing = size - len(values)
-    return np.concatenate([values, np.repeat(values[-1:], missing, 0)]) if missing else values
-
-
-def _block(leaves, velocity, elastic, shape: LawShape, moving, route: Route, observable: str):
+def _block(inputs, shape: LawShape, moving, route: Route, observable: str):
     """Values, slopes and statuses of one block, by one forward pass."""
+    leaves, velocity, elastic = inputs
     each = [k for k in range(len(leaves)) if not shape.shared[k] or k in moving]
 
     def collide(some, velocity, elastic):
@@ -312,13 +278,6 @@ def _block(leaves, velocity, elastic, shape: LawShape, moving, route: Route, obs
         return jax.jvp(lambda *some: of_moving(*some), chosen, tangents, has_aux=True)
 
     return jax.vmap(along, out_axes=(None, 0, None))(_seeds(chosen))
-
-
-@cache
-def _compiled(size: int, long: bool):
-    """`_block`, compiled the sooner the less there is to compute."""
-    options = {SMALL: QUICK if long else SOONEST, LARGE: ()}.get(size, QUICK)
-    return jax.jit(_block, static_argnums=(3, 4, 5, 6), compiler_options=accepted(options))
 
 
 def _seeds(chosen):

@@ -27,6 +27,7 @@ from calibration.studies.inputs import (
     check_ranges,
     check_velocity,
 )
+from softjax.batching import filled
 from softjax.fields import Declared
 
 PADDING = 64  # most batches of velocities share one compilation
@@ -113,10 +114,10 @@ def sensitivity(
     velocity = check_velocity(velocity)
     inputs.law()  # refuses values that make no law
     names, values = tuple(inputs.values), np.array(list(inputs.values.values()), float)
-    filled = np.pad(velocity, (0, -len(velocity) % PADDING), mode="edge")
+    padded = filled(velocity, len(velocity) + -len(velocity) % PADDING)
     with jax.enable_x64(True):
         law, moved = _built(names, values, inputs.build)
-        results = _slopes(law, filled, route)
+        results = _slopes(law, padded, route)
     slopes, coefficient, status = (np.asarray(x)[..., : len(velocity)] for x in results)
     absolute = np.column_stack([slopes[:-1].T @ moved, slopes[-1]]) + 0.0  # no -0
     declared = {name: inputs.declared(name) for name in (*names, VELOCITY)}
