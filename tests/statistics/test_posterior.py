@@ -359,6 +359,32 @@ def test_one_more_measurement_has_the_tails_of_its_noise(dof):
         assert np.mean(band.high - band.low) / 2 == pytest.approx(reach, rel=0.1)
 
 
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_one_more_measurement_has_the_error_of_its_velocity(is_stated):
+    """Stated errors as the points next to it have them; of times those that ε of such a bounce has."""
+    known = {"level": 0.92, "rate": 0.05}
+    if is_stated:
+        e = 0.92 * np.exp(-0.05 * MEASURED) + 0.01 * np.sin(np.arange(12))
+        data = cal.RestitutionData(MEASURED, e, uncertainty=np.linspace(0.002, 0.03, 12))
+        expected = np.interp(VELOCITY, MEASURED, np.linspace(0.002, 0.03, 12))
+    else:  # ε of two flights t and ε t has the standard deviation u √(1 + ε²)/t
+        flights = [np.linspace(0.2, 0.8, 6)]
+        for _ in range(4):
+            flights.append(flights[-1] * 0.92 * np.exp(-0.05 * 9.80665 / 2 * flights[-1]))
+        times = np.transpose(flights) + 1e-3 * np.random.default_rng(0).standard_normal((6, 5))
+        table = {"launch": np.repeat([*"abcdef"], 5), "interval": times.ravel()}
+        data = cal.RestitutionData.from_table(table)
+        known |= {"timing": 5e-3}
+        e = 0.92 * np.exp(-0.05 * VELOCITY)
+        # v moves with its time, too
+        to_first = e * (1 - 0.05 * VELOCITY)
+        expected = 5e-3 * np.hypot(1, to_first) * 9.80665 / (2 * VELOCITY)
+    fit = cal.fit(data, Decay, profiles=False)
+    draws = drawn(**{name: (value, 1e-9) for name, value in known.items()})
+    found = fit.band(VELOCITY, kind="prediction", draws=draws).standard_error
+    np.testing.assert_allclose(found, expected, rtol=0.1)
+
+
 def test_curves_sensitivities_and_designs_are_over_the_draws(tmp_path):
     """θ ∂ε/∂θ of a constant is ε itself."""
     folder = tmp_path

@@ -23,7 +23,7 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.data.checks import check_whole
 from calibration.errors import DataError, InputError
-from calibration.fitting.curves import band_of, curve_problem
+from calibration.fitting.curves import band_of, curve_and_slopes, curve_problem, further_variances
 from calibration.fitting.errors import CALLED
 from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import Band, MaterialFit
@@ -329,9 +329,13 @@ def band_of_draws(
             curves = curve_problem(material, velocity).linearise(values, slopes=False).prediction
         if kind == "prediction":
             random, variance = np.random.default_rng(0), 0.0
-            for name, part in material.variances.items():
-                known = name not in ("scatter", "group")
-                variance = variance + (part if known else drawn(name, part**0.5) ** 2)
+            at = lambda v: curve_and_slopes(material, v)[0]  # noqa: E731
+            for name, part in further_variances(material, velocity, at).items():
+                if name in ("scatter", "group"):
+                    part = drawn(name, material.variances[name] ** 0.5) ** 2
+                elif name == "timing" and material.timing:
+                    part = part * (drawn(name, material.timing) / material.timing) ** 2
+                variance = variance + part
             numbers = {name: drawn(name, value) for name, value in vars(material.family).items()}
             normal = random.standard_normal(curves.shape)
             noise = replace(material.family, **numbers).drawn(normal, random)
