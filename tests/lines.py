@@ -37,9 +37,11 @@ class Lines(NamedTuple):
         At last those beside them that run the file elsewhere: what was compiled runs unseen. Tests of
         a file stay together, the cheapest files first.
         """
-        of_file = self.numbers.get(file, {})
-        whole = set(of_file.values())
-        expected = {of_file[str(line)]} if str(line) in of_file else whole
+        of_file, near = self.numbers.get(file), [file]
+        if of_file == {}:  # tables alone, which the functions of its folder read
+            near = [path for path in self.numbers if Path(path).parent == Path(file).parent]
+        whole = {number for path in near for number in self.numbers.get(path, {}).values()}
+        expected = {of_file[str(line)]} if of_file and str(line) in of_file else whole
         ranks = {}
         for test, noted in self.statements.items():
             if not whole.isdisjoint(noted):

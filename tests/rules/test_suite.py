@@ -123,7 +123,12 @@ LIMIT = 2
 
 def test_tests_that_run_a_line_are_chosen_the_cheapest_first():
     lines = Lines(
-        {"module.py": {"3": 1, "4": 2}, "other.py": {"1": 5}},
+        {
+            "module.py": {"3": 1, "4": 2},
+            "other.py": {"1": 5},
+            "a/tables.py": {},
+            "a/read.py": {"2": 5},
+        },
         {"a::slow": 9.0, "a::quick": 0.5, "b::one": 0.1, "b::two": 0.2, "c::other": 0.1},
         {"a::slow": [1, 2], "a::quick": [1], "b::one": [1], "b::two": [1, 5], "c::other": [5]},
     )
@@ -132,6 +137,7 @@ def test_tests_that_run_a_line_are_chosen_the_cheapest_first():
     assert lines.chosen("module.py", 4) == ["a::slow", "a::quick"]
     assert lines.chosen("module.py", 1) == every  # of no function
     assert lines.chosen("none.py", 1) == []
+    assert lines.chosen("a/tables.py", 1) == ["c::other", "b::two"]
     assert affordable(every, lines.seconds, 1.0) == every[:3]
     assert affordable(["a::slow"], lines.seconds, 1.0) == ["a::slow"]
 
