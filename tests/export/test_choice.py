@@ -12,7 +12,7 @@ import softjax as sj
 from tests.cases import RADIUS
 from tests.export.laws import DAMPED, INDEPENDENT, MASS, PAIR, RANGE, STEEL, compiled
 from tests.golden.errors import Rubbing
-from tests.shown.capture import drawn
+from tests.shown.capture import as_recorded, drawn
 
 LADDER = ["linear", "hertz-dashpot", "viscoelastic", "walton-braun", "exact"]
 # errors of the laws that were fitted to steel's curve by a search of another program
@@ -228,6 +228,7 @@ def test_files_say_what_the_data_do_not_determine_however_fast_the_range(tmp_pat
 def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_path):
     with drawn() as figures:
         export = cal.export(STEEL, "c", tmp_path, velocity_range=RANGE, tolerance=0.02)
+    as_recorded("export", {**figures, "printed": str(export)})
     curves, errors = figures["export.png"].axes
     assert curves.get_ylabel() == r"restitution $\varepsilon$"
     assert errors.get_xlabel() == "impact velocity $v$ [m/s]"

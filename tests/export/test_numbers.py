@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 import softjax as sj
 from tests.cases import RADIUS
 from tests.export.laws import MASS, PAIR, STEEL, VELOCITIES
+from tests.shown.capture import as_recorded
 
 EFFECTIVE = float(PAIR.radius)  # [m]
 
@@ -220,7 +221,8 @@ OF_MASS = {("lammps", "viscoelastic"), ("liggghts", "linear"), ("yade", "linear"
 @pytest.mark.parametrize(("code", "law", "options"), DASHPOTS)
 def test_a_dashpot_gives_the_stated_restitution(code, law, options, exported):
     """Within its stated error of the requested law: 0.068 where ε is constant, 0.022 viscoelastic."""
-    _, folder = exported(STEEL, code, law=law, tolerance=0.1, steps=400, **options)
+    made, folder = exported(STEEL, code, law=law, tolerance=0.1, steps=400, **options)
+    as_recorded(f"{code} {law}", {"printed": str(made)})
     text, report = read(folder, code)
     force = READERS[code](text)
     assert time_step(text) == report["time_step"]

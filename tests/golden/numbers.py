@@ -15,6 +15,7 @@ PHYSICS, ESTIMATE, ERROR = "physics", "estimate", "error"
 RELATIVE = 1e-9  # of physics: restitutions, ln L at given parameters
 OF_ERROR = {ESTIMATE: 1e-4, ERROR: 1e-3}  # of the standard error
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.])")
+PRINTED = re.compile(r"(\d+(?:\.\d+)?(?:e[-+]?\d+)?)")  # and the words between
 SCENARIOS: dict[str, "Scenario"] = {}
 
 
@@ -104,7 +105,7 @@ def _differences(old: Any, new: Any) -> Iterator[str]:
     if old is None or new is None:
         yield "new, not recorded" if old is None else "recorded, no longer there"
     elif isinstance(old, str) or isinstance(new, str):
-        if not _same_print(old, new):
+        if not same_print(old, new):
             yield f"was {old}, is {new}"
     elif np.shape(old[0]) != np.shape(new[0]):
         yield f"was {old[0]}, is {new[0]}"
@@ -115,10 +116,11 @@ def _differences(old: Any, new: Any) -> Iterator[str]:
             yield f"{[*map(int, at)]} was {before[at]:.15g}, is {after[at]:.15g}"
 
 
-def _same_print(old: Any, new: Any) -> bool:
+def same_print(old: Any, new: Any) -> bool:
+    """Whether both are texts with the same words, and with numbers that nearly agree."""
     if not (isinstance(old, str) and isinstance(new, str)):
         return False
-    pairs = list(zip_longest(old.split(), new.split(), fillvalue=""))
+    pairs = zip_longest(PRINTED.split(old), PRINTED.split(new), fillvalue="")
     return all(a == b or _nearly(a, b) for a, b in pairs)
 
 

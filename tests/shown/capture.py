@@ -1,9 +1,12 @@
 """Pictures that commands save, caught as Matplotlib's figures, and how they look."""
 
+import html
 import json
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +14,9 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-RECORDED = Path(__file__).with_name("looks.json")
+from tests.golden.numbers import same_print
+
+RECORDED = Path(__file__).with_name("recorded.json")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -72,30 +77,62 @@ def bars(container, which: int = 0) -> np.ndarray:
 
 
 def looks(figure: Figure) -> list[str]:
-    """Its size, and a line for each of its axes: place, ticks, lines, and where texts stand."""
-    rounded = lambda *numbers: " ".join(f"{x:.4g}" for x in np.hstack(numbers))  # noqa: E731
-    rows = [rounded(figure.get_size_inches())]
+    """Its size and title, and lines for each of its axes: place, words, ticks, and all that is drawn."""
+    rounded = lambda *numbers: " ".join(f"{x:.4g}" for x in np.hstack([*numbers, []]) + 0.0)  # noqa: E731
+    rows = [rounded(figure.get_size_inches()) + f" {figure.get_suptitle()}"]
     for ax in figure.axes:
-        parts = [rounded(ax.get_subplotspec().get_geometry()[:3])]
+        parts = [rounded(ax.get_subplotspec().get_geometry()[:3]), ax.get_title()]
         for axis in (ax.xaxis, ax.yaxis):
             ticks, ends = axis.get_ticklocs(), sorted(axis.get_view_interval())
-            parts.append(rounded(ticks[(ticks >= ends[0]) & (ticks <= ends[1])]))
-        for x in ax.get_lines():
-            dashes = rounded(x._unscaled_dash_pattern[1] or ())
-            parts.append(f"{x.get_marker()} {to_hex(x.get_color())} {x.get_linewidth():g} {dashes}")
-        parts += [f"{rounded(x.get_position(), x.get_rotation())} {x.get_ha()}" for x in ax.texts]
+            words = f"{axis.get_label_text()} {axis.get_scale()} {rounded(ends)} at"
+            parts.append(f"{words} {rounded(ticks[(ticks >= ends[0]) & (ticks <= ends[1])])}")
         parts.append(rounded([x.get_rotation() for x in ax.get_xticklabels()[:1]]))
-        parts.append(rounded([x.get_alpha() or 1 for x in ax.collections]))
-        rows.append(" | ".join(parts))
+        for x in ax.get_lines():
+            dashes = rounded(x._unscaled_dash_pattern[0], x._unscaled_dash_pattern[1] or ())
+            label = f"{x.get_label()} " * (str(x.get_label())[0] != "_")
+            look = f"{x.get_marker()} {to_hex(x.get_color())} {x.get_linewidth():g} {dashes}"
+            parts.append(f"{label}{look} through {rounded(*map(ends_and_mean, x.get_data()))}")
+        for x in ax.texts:
+            parts.append(
+                f"{x.get_text()} at {rounded(x.get_position(), x.get_rotation())} {x.get_ha()}"
+            )
+        parts += [rounded(ends_and_mean(x.get_array().ravel()), x.get_clim()) for x in ax.images]
+        for x in ax.patches:
+            parts.append(f"{to_hex(x.get_facecolor())} {rounded(x.get_extents().bounds)}")
+        for x in ax.collections:
+            outline = np.concatenate([path.vertices for path in x.get_paths()] or [[[np.nan] * 2]])
+            parts.append(f"{x.get_alpha() or 1:g} {rounded(*map(ends_and_mean, outline.T))}")
+        rows += [f"{part} |" for part in parts]
     return rows
 
 
-def looks_as_recorded(name: str, figures: dict[str, Figure]) -> None:
-    """As `looks.json` has it; SOFTJAX_LOOKS=1 records it."""
+def ends_and_mean(values) -> np.ndarray:
+    """To a thousandth of the largest: what should be 0 is."""
+    known = np.ma.masked_invalid(np.asarray(values, float)).compressed()
+    if not known.size:
+        return known
+    largest = np.max(np.abs(known)) or 1.0
+    return np.round([*known[[0, -1]], known.mean()], 3 - int(np.log10(largest)))
+
+
+def words(text: str) -> list[str]:
+    """Its paragraphs, but for what differs from run to run: places, dates, versions, seconds."""
+    text = re.sub(r"/\S*/", "…/", html.unescape(text).partition("\nWritten to")[0])
+    text = re.sub(r"\S+\s+evaluations?,\s+\S+\s+s", "@", text)
+    blocks = [" ".join(block.split()) for block in text.split("\n\n")]
+    return [block for block in blocks if block and not re.match(r"\d{4}-\d\d-\d\d; ", block)]
+
+
+def as_recorded(name: str, shown: Mapping[str, Figure | str]) -> None:
+    """Pictures and texts by the names of their files as `recorded.json` has them, printed numbers to one
+    unit of their last digit; SOFTJAX_RECORD=1 records them."""
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
-    found = {file: looks(figure) for file, figure in figures.items()}
-    if "SOFTJAX_LOOKS" in os.environ:
-        text = json.dumps(recorded | {name: found}, indent=1, sort_keys=True)
+    found = {file: words(x) if isinstance(x, str) else looks(x) for file, x in shown.items()}
+    if "SOFTJAX_RECORD" in os.environ:
+        text = json.dumps(recorded | {name: found}, indent=1, sort_keys=True, ensure_ascii=False)
         RECORDED.write_text(f"{text}\n", encoding="utf-8")
-    else:
-        assert found == recorded[name]
+        return
+    for file, lines in found.items():
+        pairs = zip_longest(recorded[name].get(file, ()), lines, fillvalue="")
+        off = [f"was {old}\nis  {new}" for old, new in pairs if not same_print(old, new)]
+        assert not off, "\n".join([f"{name}, {file}:", *off])

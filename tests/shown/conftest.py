@@ -27,6 +27,12 @@ class Shown:
     folder: Path
     figures: dict[str, Figure]
 
+    @property
+    def everything(self) -> dict[str, Figure | str]:
+        """Pictures, and what is printed and reported in words."""
+        reports = {path.name: self.text(path.name) for path in self.folder.glob("*.md")}
+        return {**self.figures, "printed": self.out, **reports}
+
     def text(self, name: str) -> str:
         return (self.folder / name).read_text(encoding="utf-8")
 
@@ -46,6 +52,13 @@ def shown(folder: Path, *argv, quiet: bool = False) -> Shown:
     with drawn() as figures:
         code, out, err = run(*argv, "--out", folder / "out", *["--quiet"] * quiet)
     return Shown(code, out, err, folder / "out", figures)
+
+
+def reported(result, folder: Path) -> Shown:
+    """What `report` of a fit writes into `folder`/out."""
+    with drawn() as figures:
+        result.report(folder / "out")
+    return Shown(0, str(result), "", folder / "out", figures)
 
 
 @pytest.fixture(scope="session")

@@ -20,16 +20,16 @@ from tests.cases import pair
 from tests.decay import Decay
 from tests.fit_oracle import eq_17, thornton
 from tests.shown.capture import (
+    as_recorded,
     band,
     bars,
     drawn,
     labels,
     legend,
     line,
-    looks_as_recorded,
     panels,
 )
-from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
+from tests.shown.conftest import MADE, MASS, VELOCITY, reported, shown, write
 from tests.shown.tables import Tags, cells, markdown_tables
 
 EPSILON, SPEED = r"restitution $\varepsilon$", "impact velocity $v$ [m/s]"
@@ -74,33 +74,9 @@ def axes_of(figure):
     return [(a.get_title(), a.get_xlabel(), a.get_ylabel(), a.get_xscale()) for a in figure.axes]
 
 
-Y = r"$y = v/v_\mathrm{cr}$"
-PICTURES = {
-    "main": [
-        *[(n, "", EPSILON * (n == NAMES[0]), "linear") for n in NAMES[:2]],
-        *[("", Y, "data − fit" * (k == 0), "linear") for k in range(2)],
-        (NAMES[2], "", EPSILON, "linear"),
-        ("", Y, "data − fit", "linear"),
-    ],
-    "main correlation": [("correlations", "", "", "linear"), ("", "", "", "linear")],
-    "curves": [("alloy", "", EPSILON, "log"), ("", SPEED, "data − fit", "log")],
-    "profiles": [
-        ("", "$k_{20}$ [N/m]", r"$\Delta\chi^2$", "linear"),
-        ("", "$s$ [1/m]", r"$\Delta\chi^2$", "linear"),
-    ],
-    "correlation": [("correlations", "", "", "linear"), ("", "", "", "linear")],
-}
-
-
-def test_every_axis_says_what_it_is(alloy, main_job):
-    assert axes_of(main_job.figures["curves.png"]) == PICTURES["main"]
-    assert axes_of(main_job.figures["correlation.png"]) == PICTURES["main correlation"]
-    for name in ("curves", "profiles", "correlation"):
-        assert axes_of(alloy.figures[f"{name}.png"]) == PICTURES[name]
-    looks_as_recorded("main", main_job.figures)
-    looks_as_recorded("alloy", alloy.figures)
-    title = main_job.figures["curves.png"].get_suptitle()
-    assert title.startswith("Data: a published fit of measurements (Eq. 17 with Table 1's σ, ψ")
+def test_pictures_tables_and_sentences_are_as_recorded(alloy, main_job):
+    as_recorded("alloy", alloy.everything)
+    as_recorded("main", main_job.everything)
 
 
 def test_the_fitted_curve_its_bands_and_residuals(alloy):
@@ -183,10 +159,6 @@ def test_correlations_are_a_matrix_with_its_numbers(alloy, main_job):
 
 def test_the_main_job_says_what_it_found(main_job):
     assert (main_job.code, main_job.err) == (0, "")
-    assert main_job.out.startswith("These data are a published fit of measurements, not")
-    for printed in ("0.1368", "0.0239", "3.0432", "0.8352", "54.25", "χ̃: unloading", "1.794"):
-        assert printed in main_job.out
-    assert "(fixed)" not in main_job.out
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
     assert {*main_job.figures} == {"curves.png", "correlation.png"}
     report = main_job.text("report.md")
@@ -197,10 +169,6 @@ def test_the_main_job_says_what_it_found(main_job):
         assert (of["rms of Eq. (17)"], of["scatter"]) == ("0", "0")
         assert warning.cause == f"rms {of['rms']} where the data follow Eq. (17) exactly"
         assert (warning.material, "interval" in warning.advice) == (of["material"], False)
-    assert "include the scatter" not in report  # c1 and c2 of data without noise have no errors
-    assert "](curves.png)" in report
-    assert "](profiles.png)" not in report
-    assert "noise normal, starts 32, seed 0, max steps 200" in report
     assert "\\u" not in main_job.text("fit.json")  # names as they are written
     assert main_job.text("report.html").count("data:image/png;base64,") == 2
 
@@ -303,7 +271,7 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
     with drawn() as figures:
         names = fit.report(tmp_path / "mine")
     assert {*names} == {path.name for path in alloy.folder.iterdir()}
-    assert axes_of(figures["curves.png"]) == axes_of(fit.plot()) == PICTURES["curves"]
+    assert axes_of(figures["curves.png"]) == axes_of(fit.plot())
     own = "    softjax fit .*\n\n|, from [^;]*alloy.csv"
     reports = (alloy.text("report.md"), (tmp_path / "mine/report.md").read_text(encoding="utf-8"))
     given, default = (re.sub(own, "", report) for report in reports)
@@ -420,14 +388,12 @@ def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):
     made = shown(tmp_path, "fit", path, "--no-profiles")
     report = html.unescape(made.text("report.md"))
     fit = cal.FitResult.load(made.folder / "fit.json").material()
-    assert "s [1/m]: prior 0.5 ± 1000, between 0 and 1e+05" in report
     table = dict(zip(*markdown_tables(report)[2], strict=True))
     assert table["scatter"] == f"{fit.noise:.3g}"
     assert table["between groups"] == f"{fit.group_deviation:.3g}"
+    as_recorded("stated", made.everything)
     assert fit.noise == pytest.approx(0.01, rel=0.4)
     assert fit.group_deviation == pytest.approx(np.std(offsets, ddof=1), rel=0.6)
-    assert "χ²/dof" not in table
-    assert "in 4 groups" in report
     (rows,) = [table for table in markdown_tables(report) if table[0] == ["group", "of", "offset"]]
     offsets = fit.group_offsets.items()
     assert rows[1:] == [[label, "ε", with_error(*offset)] for label, offset in offsets]
@@ -447,9 +413,9 @@ def test_residuals_have_the_colour_of_their_size_and_a_unit_stands_at_value_and_
     noise = 0.002 * np.tile([1.0, -1.0], 6)
     data = cal.RestitutionData(v, np.asarray(sj.restitution(law, v).coefficient) + noise, contact)
     two_sizes = cal.fit(data, sj.ViscoelasticHertz, profiles=False)
-    with drawn() as figures:
-        two_sizes.report(tmp_path / "out")
-    upper, lower = figures["curves.png"].axes
+    made = reported(two_sizes, tmp_path)
+    as_recorded("two sizes", made.everything)
+    upper, lower = made.figures["curves.png"].axes
     curves = [line for line in upper.get_lines() if str(line.get_label()).startswith("R = ")]
     colours = [to_hex(curve.get_color()) for curve in curves]
     assert [curve.get_label() for curve in curves] == ["R = 2 mm", "R = 6 mm"]  # effective: half
@@ -472,17 +438,16 @@ def test_residuals_of_groups_have_colours_and_markers(tmp_path):
     e = np.asarray(sj.restitution(sj.ViscoelasticHertz(contact, 1e-6), v).coefficient)
     e = e + np.where(np.array(group) == "A", 0.004, -0.004) + 0.001 * np.sin(9 * v)
     data = cal.RestitutionData(v, e, contact, group=group)
-    with drawn() as figures:
-        cal.fit(data, sj.ViscoelasticHertz, profiles=False).report(tmp_path / "out")
-    figure = figures["curves.png"]
+    made = reported(cal.fit(data, sj.ViscoelasticHertz, profiles=False), tmp_path)
+    as_recorded("groups", made.everything)
+    figure = made.figures["curves.png"]
     parts = {ax.get_label(): ax[0] for ax in figure.axes[1].containers}
     assert list(parts) == ["group B", "group A"]
     assert legend(figure)[-2:] == ["group B", "group A"]
     assert len({(to_hex(part.get_color()), part.get_marker()) for part in parts.values()}) == 2
     np.testing.assert_allclose(parts["group A"].get_xdata(), v[1::2])
-    with drawn() as figures:
-        two = cal.fit([data, replace(data, name="b")], sj.ViscoelasticHertz, profiles=False)
-        two.report(tmp_path / "out")
+    two = cal.fit([data, replace(data, name="b")], sj.ViscoelasticHertz, profiles=False)
+    figures = reported(two, tmp_path).figures
     assert legend(figures["curves.png"])[-1] == "one marker for each group"
 
 
@@ -494,9 +459,9 @@ def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(
     data = [cal.RestitutionData(v, e, uncertainty=0.001, name="a")]
     data.append(cal.RestitutionData(20 * v**2, e, uncertainty=0.001, name="b"))
     result = cal.fit(data, "constant", noise="student-t", profiles=False)
-    with drawn() as figures:
-        result.report(tmp_path / "out")
-    axes = figures["curves.png"].axes
+    made = reported(result, tmp_path)
+    as_recorded("outliers", made.everything)
+    axes = made.figures["curves.png"].axes
     assert {ax.get_xscale() for ax in axes} == {"log"}
     for ax in axes[:4]:
         assert np.ptp(ax.get_ylim()) < 0.1
@@ -506,7 +471,7 @@ def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(
         assert [len(x.get_xdata()) for x in (ring, arrow)] == [1, 1]
         low, high = ax.get_ylim()
         assert low < arrow.get_ydata()[0] < low + 0.2 * (high - low)
-    assert len([x for x in legend(figures["curves.png"]) if x.startswith("not explained by")]) == 2
+    assert len([x for x in legend(axes[0].figure) if x.startswith("not explained by")]) == 2
 
 
 def test_pictures_are_narrow_enough_for_a_telephone(alloy, main_job, compared, studied):
@@ -528,6 +493,7 @@ def test_a_band_much_wider_than_its_curve_is_cut_and_the_picture_says_so(noise, 
     words = ("--from", 0.5, "--to", 5, "--format", "png")
     made = shown(tmp_path, "curve", "--fit", tmp_path / "fit.json", *words)
     assert made.code == 0, made.err
+    as_recorded(f"a band of {noise}", made.everything)
     ((ax,),) = (figure.axes for figure in made.figures.values())
     (name,) = [label for label in labels(ax) if label.startswith("95 %, of the mean")]
     (curve,) = [line.get_ydata() for line in ax.get_lines() if len(line.get_ydata()) > 100]
@@ -550,9 +516,9 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
     e = 0.88 + 1e-3 * np.log(v) + 0.001 * np.tile([1.0, -1.0, -1.0, 1.0], 3)
     result = cal.fit(cal.RestitutionData(v, e, contact), starts=1)
     assert result.estimates["chi"].at_bound
-    with drawn() as figures:
-        result.report(tmp_path / "out")
-    (ax,) = [ax for ax in figures["profiles.png"].axes if "chi" in ax.get_xlabel()]
+    made = reported(result, tmp_path)
+    as_recorded("at a bound", made.everything)
+    (ax,) = [ax for ax in made.figures["profiles.png"].axes if "chi" in ax.get_xlabel()]
     assert ax.get_xscale() == "linear"
     profile = result.profiles["chi"]
     x, y = ax.get_lines()[0].get_data()

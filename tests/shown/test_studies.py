@@ -15,7 +15,7 @@ import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS, fitted
 from tests.command import BODIES, run
-from tests.shown.capture import band, labels, legend, line, looks_as_recorded
+from tests.shown.capture import as_recorded, band, labels, legend, line
 from tests.shown.conftest import shown
 from tests.shown.tables import cells
 from tests.shown.test_fit import EPSILON, SPEED, axes_of, best, curve
@@ -62,8 +62,7 @@ def test_sensitivities_over_velocity(studied):
     """Curves, table and CSV by differences; inputs that act on nothing are named; parted at yield."""
     (ax,) = studied.figures["sensitivity.png"].axes
     assert straight(ax) == [0]
-    assert axes_of(ax.figure) == [("", SPEED, f"sensitivity {EFFECT}", "log")]
-    looks_as_recorded("sensitivity", studied.figures)
+    as_recorded("sensitivity", studied.everything)
     yields = float(fitted("nylon").contact.critical_velocity)
     assert line(ax, r"yield, $v_\mathrm{cr}$")[0].tolist() == [yields, yields]
     rows = list(csv.DictReader(studied.text("sensitivity.csv").splitlines()))
@@ -221,6 +220,7 @@ def test_a_wall_and_another_law(tmp_path):
     made = shown(tmp_path, "sensitivity", tmp_path / "a.toml", *law, *few)
     assert made.code == 0
     (ax,) = made.figures["sensitivity.png"].axes
+    as_recorded("a wall", made.everything)
     names = legend(ax)
     assert {"$E$", "$E$ wall", "$R$", "$A$", "$v$"} <= set(names)
     assert not any("yield" in name for name in names)
