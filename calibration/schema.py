@@ -53,6 +53,7 @@ class Refused(ValueError):
     def __init__(self, place: tuple[str | int, ...], problem: str, accepted: str):
         super().__init__(problem)
         self.place, self.problem, self.accepted = place, problem, accepted
+        self.others: tuple[Refused, ...] = ()  # further faults of the same table
 
 
 def faults(error: ValidationError, model: type[BaseModel]) -> Iterator[DataError]:
@@ -66,6 +67,7 @@ def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
     """One of pydantic's errors as a `DataError`, its place as `fits[0].rms`."""
     place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in fault["loc"])
     value, (field, _) = fault["input"], _walk(model, fault["loc"])
+    value = "a table" if isinstance(value, dict) else value
     known: Any = re.sub("^(Value error, |Input should be |String should have )", "", fault["msg"])
     known = NOUNS.get(fault["type"], known)
     if fault["type"] == "literal_error":  # as TOML has words and truth values
@@ -80,7 +82,8 @@ def fault_of(fault: Mapping[str, Any], model: type[BaseModel]) -> DataError:
         known = (field.json_schema_extra or {}).get("accepted", known)  # type: ignore[union-attr]
     if isinstance(fault["input"], str) and value != "unknown":
         known += " without quotation marks" * (fault["type"] in ("float_type", "int_type"))
-        known = known[:MOST] + "…" * (len(known) > MOST) + did_you_mean(value, known.split('"'))
+        words = [word for word in known.split('"')[1::2] if not re.search(r"\d", word)]
+        known = known[:MOST] + "…" * (len(known) > MOST) + did_you_mean(value, words)
         value = f'"{value}"'
     return DataError(place.lstrip("."), value, known)
 

@@ -91,6 +91,8 @@ def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress:
         return fit(fitted_data, law, parameters, progress=progress, **settings)
     except (DataError, sj.ArgumentError) as error:
         argument = getattr(error, "argument", None)
+        if argument in options:
+            raise
         if problem is not None and argument in stated.keys() - options.keys():
             raise error.at(arguments.file, problem.line(argument)) from error  # type: ignore[union-attr]
         raise InputError(arguments.file, None, str(error), "nothing was fitted") from error

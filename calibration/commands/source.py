@@ -69,7 +69,8 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
     entry = entries.get(text.lower().replace("-", " ").replace("_", " "))
     if entry is None:
         names = listed(name.replace(" ", "-") for name in entries)
-        raise DataError("MATERIAL", text, f"{names}, or a material file FILE.toml")
+        near = did_you_mean(text, names.split(", "))
+        raise DataError("MATERIAL", text, f"{names}, or a material file FILE.toml{near}")
     material, area = entry.material, arguments.area or "zhou"
     contact = sj.Contact.between_spheres(material, material, RADIUS, RADIUS, area=area)
     known, origin = {"sigma": entry.sigma, "psi": entry.psi}, ""

@@ -355,19 +355,16 @@ class MaterialEntry:
                 "mass": table.mass,
                 "density": table.density,
             }
-        if table.in_rows:
-            data = read_csv(path, self._of_sizes, **options, density=table.solid.density)
-            data = replace(data, bodies=self.bodies)
-        else:
-            data = read_csv(path, self.contact, **options, one_size=self.contact is not None)
-        if not table.average_repeats:
-            return data
         try:
-            return data.averaged()
-        except DataError as error:
-            raise error.at(
-                self.file.path, self.file.line((*self.place, "average_repeats"))
-            ) from None
+            if table.in_rows:
+                data = read_csv(path, self._of_sizes, **options, density=table.solid.density)
+                data = replace(data, bodies=self.bodies)
+            else:
+                data = read_csv(path, self.contact, **options, one_size=self.contact is not None)
+            return data.averaged() if table.average_repeats else data
+        except DataError as error:  # of what is stated here, not in the table
+            key = error.argument if error.argument in options else "average_repeats"
+            raise error.at(self.file.path, self.file.line((*self.place, key))) from None
 
     def _of_sizes(self, radius: np.ndarray) -> sj.Contact:
         """The contact of spheres of several sizes, each given in its row."""

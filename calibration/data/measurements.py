@@ -171,6 +171,8 @@ class RestitutionData:
             more = observed_of(rows, points)
             of_pair = _contact_of(contact, more, ball["density"], one_size)
         except DataError as error:
+            if error.argument in {*stated, "gravity", "air"} and error.index is None:
+                raise  # stated of all rows, not in the table
             raise _located(error, remarks, origin) from None
         with rows_blamed(points.rows):
             return cls(
@@ -439,8 +441,10 @@ def _located(error: DataError, remarks: Sequence[str], origin: Origin | None) ->
     # a restitution that was given is of no unit
     about = note is not None and (error.argument in note or "height" in note or "_velocity" in note)
     if error.argument == "restitution":
-        note = next((remark for remark in remarks if remark.startswith(CORRECTED)), None)
-        note, about = f"{note}: are the ball's size and density right?", note is not None
+        by_air = next((remark for remark in remarks if remark.startswith(CORRECTED)), None)
+        notes = [note] if about else []
+        notes.append(f"{by_air}: are the ball's size and density right?")
+        note, about = "; ".join(notes), by_air is not None
     if about and error.index is not None:
         accepted = f"{error.accepted}; {note}"
         error = DataError(error.argument, error.value, accepted, error.index)

@@ -35,6 +35,7 @@ NUMBER = (
     "a finite number with the decimal mark {!r} (a comma only where ; or tabs separate "
     "cells), without its unit (in the header: `restitution [%]`) and without marks of thousands"
 )
+NUMERIC = re.compile(r"[+−-]?[.,]?\d|[+-]?(inf|nan)", re.I)  # how a number begins, finite or not
 COMMAS = "commas in numbers are read as decimal points"
 Row = tuple[int, list[str]]  # the line that it begins on, its cells
 
@@ -49,6 +50,7 @@ def read_csv(path: str | Path, contact=None, **options: Any) -> RestitutionData:
 
     Raises:
         InputError: with file and line, what is wrong and what is accepted.
+        DataError: for an option.
     """
     sheet = Sheet(path, read_bytes(path, LARGEST))
     options.setdefault("name", Path(path).stem or "data")
@@ -159,10 +161,10 @@ class Sheet(Mapping[str, Any]):
         return cells[:width]
 
     def _with_units(self, header: list[str], numbers: list[int]) -> list[str]:
-        """The header with the units of the row below it, which is one of units if it holds no number."""
+        """The header with the units of the row below it, a row of units if no cell begins with a digit."""
         _, units = self.rows[0]
         stated = [units[k] for k in numbers if units[k]]
-        if not {cell.casefold() for cell in stated} - MISSING or any(map(_is_number, stated)):
+        if not {cell.casefold() for cell in stated} - MISSING or any(map(NUMERIC.match, stated)):
             return header
         self.rows = self.rows[1:]
         stated = [cell.strip("[]() ") if k in numbers else "" for k, cell in enumerate(units)]

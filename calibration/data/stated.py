@@ -33,7 +33,7 @@ def measure(
             except DataError as error:
                 more = error.accepted
                 if error.argument == "quantity":
-                    example = NAMED[si].split()[0]
+                    example = "%" if si == "1" else NAMED[si].split()[0]
                     more = f'outside quotation marks, or with a decimal point and its unit, "1.5 {example}"'
                 raise ValueError(f"{unit}, {more}") from None
         if not is_finite_number(value) or not (value >= 0 if from_zero else value > 0):
@@ -51,7 +51,17 @@ def _parameters(tables: Any) -> dict[str, Parameter]:
     """`[parameters]` or `[material.parameters]`, by name: a number fixes."""
     if not isinstance(tables, dict):
         raise ValueError("a table: [parameters] and its keys below")
-    return {name: _parameter(name, table) for name, table in tables.items()}
+    parameters, refused = {}, []
+    for name, table in tables.items():
+        try:
+            parameters[name] = _parameter(name, table)
+        except Refused as error:
+            refused.append(error)
+    if refused:
+        first, *others = refused
+        first.others = tuple(others)
+        raise first
+    return parameters
 
 
 def _parameter(name: str, table: Any) -> Parameter:

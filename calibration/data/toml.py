@@ -6,8 +6,9 @@ texts of several lines are out of the way.
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -53,8 +54,8 @@ def read_toml_file(path: str | Path, model: type[Model]) -> TomlFile[Model]:
         return TomlFile(str(path), model.model_validate(values), lines_of(text))
     except ValidationError as error:
         lines = lines_of(text)
-        faults = (_fault(path, lines, fault, model) for fault in error.errors()[: FAULTS + 1])
-        raise combined(faults) from None
+        faults = (_faults(path, lines, fault, model) for fault in error.errors()[: FAULTS + 1])
+        raise combined(chain.from_iterable(faults)) from None
 
 
 def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
@@ -71,14 +72,23 @@ def combined(faults: Iterable[InputError]) -> InputError:
     return first
 
 
+def _faults(
+    path: str | Path, lines: Mapping[Place, int], reported: Any, model: type[Strict]
+) -> Iterator[InputError]:
+    """What pydantic found at one place, each fault with its line."""
+    place, cause = reported["loc"], reported.get("ctx", {}).get("error")
+    if not isinstance(cause, Refused):
+        yield _fault(path, lines, reported, model)
+        return
+    for refused in (cause, *cause.others):
+        line = line_of(lines, (*place, *refused.place)) or 1
+        yield InputError(path, line, refused.problem, refused.accepted)
+
+
 def _fault(
     path: str | Path, lines: Mapping[Place, int], reported: Any, model: type[Strict]
 ) -> InputError:
-    """A fault that pydantic found, with its line."""
     place, cause = reported["loc"], reported.get("ctx", {}).get("error")
-    if isinstance(cause, Refused):
-        place = (*place, *cause.place)
-        return InputError(path, line_of(lines, place) or 1, cause.problem, cause.accepted)
     if reported["type"] == "extra_forbidden":
         known = known_below(model, place[:-1])
         more = f" and {len(known) - MOST} more" if len(known) > MOST else ""

@@ -229,8 +229,8 @@ def _options(law: type, key: str, given: Mapping[str, str]) -> dict[str, str]:
     choices = options_of(law)
     for name, value in given.items():
         if name not in choices:
-            accepted = f"an option of {key}: {listed(choices) or 'it has none'}"
-            raise DataError("option", name, accepted)
+            accepted = f"left out with {key} (its options: {listed(choices) or 'none'})"
+            raise DataError(name, value, accepted)
         if value not in choices[name]:
             raise DataError(name, repr(value), " or ".join(map(repr, choices[name])))
     return {name: given.get(name, values[0]) for name, values in choices.items()}

@@ -7,6 +7,7 @@ through what builds it.
 import math
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain, combinations, product
 from typing import Any, NamedTuple
@@ -195,13 +196,13 @@ def check_velocity(velocity: Any) -> np.ndarray:
 
 
 def both_ends(argument: str, value: Any) -> tuple[float, float]:
-    """Two numbers, whatever they are; of a text LOW:HIGH."""
-    try:
+    """Two numbers, the lower one first; of a text LOW:HIGH."""
+    with suppress(TypeError, ValueError):
         low, high = map(float, value.split(":") if isinstance(value, str) else value)
-    except (TypeError, ValueError):
-        accepted = "LOW:HIGH" if isinstance(value, str) else "two numbers, (low, high)"
-        raise DataError(argument, value, accepted) from None
-    return low, high
+        if low <= high:
+            return low, high
+    form = "LOW:HIGH" if isinstance(value, str) else "two numbers, (low, high)"
+    raise DataError(argument, value, f"{form}, the lower one first")
 
 
 def check_ranges(
