@@ -70,14 +70,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     console.open_streams()
     output.written.clear()
+    stops: list[console.Stopped] = []
     try:
-        with console.signals_handled():
+        with console.signals_handled() as stops:
             return _run(sys.argv[1:] if argv is None else list(argv))
     except BrokenPipeError:  # `softjax fit | head`
         console.silence(sys.stdout)
         return DONE
     except (Exception, KeyboardInterrupt) as error:
-        text, code = _outcome(error)
+        text, code = _outcome(next(iter(stops), error))
         with suppress(OSError):
             for line in text.splitlines():  # each fault of a file
                 print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
@@ -111,7 +112,7 @@ def _run(argv: Sequence[str]) -> int:
             print(f"softjax {name}: loading ...", file=sys.stderr, flush=True)
         # modules and programs stay: looking through them takes a tenth
         gc.set_threshold(100_000, 20, 20)
-        logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # of its own cache
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # words on its own cache
         if arguments.cache:
             keep_compilations()
         try:
@@ -152,9 +153,11 @@ def _parsed(argv: Sequence[str]) -> tuple[str, Any, argparse.Namespace]:
         lines += ["", CODES, "", "softjax COMMAND --help lists the options."]
         what = "Soft-sphere collisions after Zhou (2013), calibrated from rebounds."
         top = _parser("softjax", what, "\n".join(lines), usage="softjax COMMAND [options]")
-        top.add_argument("command", metavar="COMMAND", choices=COMMANDS, help=argparse.SUPPRESS)
+        keywords: dict[str, Any] = {"choices": COMMANDS, "help": argparse.SUPPRESS}
+        top.add_argument("command", metavar="COMMAND", nargs="?", **keywords)
         top.add_argument("--version", action=Version, nargs=0, help="print the version")
         top.parse_args(argv)  # prints help or the version, or refuses
+        top.error("COMMAND is missing")
     command = importlib.import_module(f"calibration.commands.{name}")
     parser = _parser(f"softjax {name}", command.__doc__, CODES, command.add_arguments)
     arguments = parser.parse_args([*argv[:at], *argv[at + 1 :]])

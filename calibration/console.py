@@ -1,5 +1,6 @@
 """The terminal of a command: streams, running text, progress and signals."""
 
+import codecs
 import io
 import os
 import shutil
@@ -7,16 +8,18 @@ import signal
 import sys
 import textwrap
 import threading
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
+PLAIN = {"±": "+-", "–": "-", "−": "-", "─": "-"}  # where no decomposition in Unicode helps
 WIDTH = 100  # of running text, on wider terminals too
 SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
 def open_streams() -> None:
-    """Make the three standard streams usable: letters that one lacks become "?".
+    """Make the three standard streams usable: letters that one lacks are spelled out, or "?".
 
     A stream that was closed (`2>&-`) becomes the null device, or a file of results would take its
     number. Writing to a closed standard output stays an error.
@@ -31,7 +34,22 @@ def open_streams() -> None:
                 setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors="spelled")
+
+
+def _spelled(error: UnicodeError) -> tuple[str, int]:
+    """Greek letters by their names, others without accents, where an encoding lacks them; else "?"."""
+    assert isinstance(error, UnicodeEncodeError)
+    words = []
+    for letter in unicodedata.normalize("NFKD", error.object[error.start : error.end]):
+        *_, name = unicodedata.name(letter, "?").lower().split()
+        other = "" if unicodedata.combining(letter) else PLAIN.get(letter, "?")
+        other = name if "GREEK" in unicodedata.name(letter, "") else other
+        words.append(letter if letter.isascii() else other)
+    return "".join(words), error.end
+
+
+codecs.register_error("spelled", _spelled)
 
 
 def silence(stream: TextIO | None) -> None:
@@ -149,11 +167,16 @@ class Stopped(KeyboardInterrupt):
 
 
 @contextmanager
-def signals_handled() -> Iterator[None]:
-    """Handle SIGTERM and SIGHUP like Ctrl-C: raise `Stopped`; what is ignored stays so (nohup)."""
+def signals_handled() -> Iterator[list[Stopped]]:
+    """Handle SIGTERM and SIGHUP like Ctrl-C: raise `Stopped`; what is ignored stays so (nohup).
+
+    Yields those that were raised: what is imported meanwhile may make another error of one.
+    """
+    came: list[Stopped] = []
 
     def stop(number: int, frame: object) -> None:
-        raise Stopped(number)
+        came.append(Stopped(number))
+        raise came[-1]
 
     def lost(unraisable: Any) -> None:
         """Raise again, until it is heard, what a callback of the garbage collector swallowed."""
@@ -171,7 +194,7 @@ def signals_handled() -> Iterator[None]:
     ended = threading.Event()
     try:
         with _handlers(stop):
-            yield
+            yield came
     finally:
         ended.set()
         sys.unraisablehook = hook

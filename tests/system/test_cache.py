@@ -57,6 +57,20 @@ def test_programs_are_kept_unless_not_wanted_and_written_again_where_cut_short(t
     assert all(len(again[path]) > 0.9 * len(kept[path]) for path in kept)
 
 
+def test_a_home_that_takes_no_files_is_not_reported(tmp_path):
+    """Matplotlib has a cache of its own, of which it prints two lines."""
+    words = [*WORDS, "--no-cache", "--format", "png", "--out", tmp_path]
+    done = subprocess.run(
+        [sys.executable, "-m", "calibration", *words],
+        env={k: v for k, v in os.environ.items() if k != "MPLCONFIGDIR"}
+        | {"HOME": "/dev/null", "XDG_CONFIG_HOME": "", "XDG_CACHE_HOME": ""},
+        capture_output=True,
+        check=True,
+    )
+    assert done.stderr == b""
+    assert (tmp_path / "curve.png").exists()
+
+
 def test_who_has_a_cache_keeps_it_and_without_a_place_nothing_fails(at, monkeypatch):
     """All tests have one, by the environment."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(at / "home"))

@@ -12,7 +12,7 @@ import sys
 import pytest
 
 import calibration as cal
-from calibration import cli
+from calibration import cli, console
 from tests.shown.capture import drawn
 
 
@@ -75,6 +75,22 @@ def test_a_fit_in_python_shows_its_stages(monkeypatch):
     assert "profiles" in bar
     assert "\x1b" in bar
     assert nothing == ""
+
+
+LETTERS = [  # what is printed where the encoding has not all of it
+    ("ascii", "chi = 1.0 +- 0.1, sigma, psi, epsilon_up ... m2 -- e ? ?"),
+    ("cp1252", "chi = 1.0 ± 0.1, sigma, psi, epsilon_up … m² -- é ? ?"),
+]
+
+
+@pytest.mark.parametrize(("encoding", "expected"), LETTERS)
+def test_letters_that_a_terminal_lacks_are_spelled(encoding, expected, monkeypatch):
+    """Rows of χ̃, σ and ψ are told apart; Chinese, and half a character of a path, are not spelled."""
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
+    console.open_streams()
+    print("χ̃ = 1.0 ± 0.1, σ, ψ, ε_up … m² ─− é 中 \udcfc", flush=True)
+    assert raw.getvalue().decode(encoding).rstrip() == expected
 
 
 def test_on_a_real_terminal_without_colours(tmp_path):

@@ -268,6 +268,19 @@ def test_a_signal_that_garbage_collection_swallowed_stops_a_command(
     assert wait or error == line
 
 
+def while_importing(number):
+    """Extension modules make an `ImportError` of what is raised while they begin."""
+    try:
+        signal.raise_signal(number)
+    except KeyboardInterrupt:
+        raise ImportError("an extension that was interrupted") from None
+
+
+def test_a_signal_of_which_an_import_made_another_error_stops_a_command(signalled):
+    line = "softjax: interrupted, nothing written\n"
+    assert signalled(signal.SIGTERM, unheard, while_importing) == (143, "", line)
+
+
 def test_an_ignored_hangup_stays_ignored(signalled, at):
     assert signalled(signal.SIGHUP, signal.SIG_IGN) == (0, "", "")
     assert len((at / "results" / "curve.csv").read_text().splitlines()) == 3
