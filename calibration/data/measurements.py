@@ -441,10 +441,9 @@ def _located(error: DataError, remarks: Sequence[str], origin: Origin | None) ->
     # a restitution that was given is of no unit
     about = note is not None and (error.argument in note or "height" in note or "_velocity" in note)
     if error.argument == "restitution":
-        by_air = next((remark for remark in remarks if remark.startswith(CORRECTED)), None)
-        notes = [note] if about else []
-        notes.append(f"{by_air}: are the ball's size and density right?")
-        note, about = "; ".join(notes), by_air is not None
+        by_air = next((remark for remark in remarks if remark.startswith(CORRECTED)), "")
+        air = f"{by_air}: are the ball's size and density right?"
+        note, about = f"{note}; {air}" if about else air, bool(by_air)
     if about and error.index is not None:
         accepted = f"{error.accepted}; {note}"
         error = DataError(error.argument, error.value, accepted, error.index)
