@@ -282,13 +282,15 @@ def _noise_and_lead(data: RestitutionData, scored: Sequence[Entry]) -> Iterator[
     if tied:
         yield f"The data do not decide between {best.label} and {listed(tied)}."
         return
-    second, (_, differences) = next(iter(behind.items()))
+    second, (lead, differences) = next(iter(behind.items()))
     wins = f"it predicts {int(np.sum(differences > 0))} of {len(differences)} points better"
     if len(differences) == len(data):  # ε of each impact, and nothing else
         best_velocities = data.velocity[np.argsort(-differences)[: max(len(differences) // 5, 1)]]
         ends = (f"{end(best_velocities):.3g}" for end in (np.min, np.max))
         wins += f", most at {' to '.join(dict.fromkeys(ends))} m/s"
-    yield f"{best.label} is best: ahead of {second} by {text[second]}; {wins}."
+    is_sure = abs(lead.value) >= TIE * lead.standard_error
+    ahead, doubt = ("best: ahead", "") if is_sure else ("ahead", ", less than two standard errors")
+    yield f"{best.label} is {ahead} of {second} by {text[second]}{doubt}; {wins}."
 
 
 def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:

@@ -169,6 +169,23 @@ def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, no
     assert why in " ".join(str(comparison).split())
 
 
+@pytest.mark.parametrize(
+    ("decisive", "words"),
+    [
+        ([1], "high is ahead of low by 5 ± 5 in elpd, less than two standard errors; it predicts"),
+        ([0, 1, 2, 3, 5], "high is best: ahead of low by 25 ± 5 in elpd; it predicts 5 of 6"),
+    ],
+)
+def test_a_lead_of_less_than_two_standard_errors_is_not_called_best(decisive, words):
+    """Points at 0.89 ± 0.01 do not decide between 0.90 and 0.88; at 0.915 ln p differs by (3.5² - 1.5²)/2."""
+    measured = np.full(6, 0.89)
+    measured[decisive] = 0.915
+    data = data_of(measured, 0.01, velocity=VELOCITY[:6])
+    parameters = {"high": {"level": 0.90, "slope": 0.0}, "low": {"level": 0.88, "slope": 0.0}}
+    comparison = cal.compare(data, {"high": Line, "low": Line}, parameters=parameters)
+    assert words in " ".join(comparison.notes)
+
+
 def test_thornton_stands_with_its_factor_free_and_fixed():
     """A setting of a law acts on it alone: yield at the contact's own critical velocity."""
     critical = float(pair("nylon", area="hertz").critical_velocity)
