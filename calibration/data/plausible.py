@@ -105,7 +105,8 @@ def _of(data: Any) -> Iterator[Implausible]:
     for note in data.remarks:
         if note.startswith(FALLS):  # from higher than anybody drops a ball
             yield Implausible("height", note)
-    if FALLEN in data.remarks and sum(body.radius is not None for body in data.bodies) > 1:
+    fell = any(note.startswith(FALLEN) for note in data.remarks)
+    if fell and sum(body.radius is not None for body in data.bodies) > 1:
         cause = "the dropped balls met a sphere like them, as no wall is given"
         advice = "For a wall give its properties as `[material.wall]`."
         yield Implausible("no-wall", cause, advice)

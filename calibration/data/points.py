@@ -52,7 +52,7 @@ from calibration.errors import DataError, Origin, did_you_mean, listed
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 FASTEST_FALL = 20.0  # m/s, of more than 20 m
-FALLEN = "impact velocities follow from the drop heights"  # a remark
+FALLEN = "impact velocities follow from the "  # a remark: drop heights or times of flight
 FALLS = "falls as fast as"  # a remark on those that are faster
 NOT_CORRECTED = (
     "not corrected for air: the ball's diameter, and its mass or density, are not given "
@@ -303,7 +303,7 @@ def _impacts(rows: Rows, first: Column, second: Column, floor: Column, index: An
         by_drag = np.stack([of_second / velocity, slower], axis=1)
         remarks = air.remarks(velocity, restitution, in_vacuum)
     if rows.kind.is_flight:
-        remarks = (*remarks, FALLEN)
+        remarks = (*remarks, FALLEN + ("drop heights" if what == "heights" else "times of flight"))
         fastest = float(np.max(velocity))
         if FASTEST_FALL < fastest < np.inf:  # from higher than anybody drops a ball, in air too
             height = fastest * (fastest / (2 * gravity))

@@ -97,7 +97,7 @@ class Plan:
 
     @property
     def taken_as_known(self) -> tuple[str, ...]:
-        """A sentence for each parameter that the fit did not determine, and on the drag of the air."""
+        """Sentences: parameters that the fit did not determine or whose likelihood is skewed, drag of the air."""
         if self.result is None:
             return ()
         sentences, fit = [], self.result.material(self.material.name)
@@ -106,6 +106,13 @@ class Plan:
             if estimate is not None and estimate.at_bound and estimate.value is not None:
                 why = f"is at its bound {number(estimate.value, 4)}"
             sentences.append(f"{name} {why} and is taken as known: errors may be larger")
+        parameters = [(name, fit.parameters.get(name)) for name in self.material.free]
+        skewed = " and ".join(name for name, estimate in parameters if estimate and estimate.skewed)
+        if skewed:
+            sentences.append(
+                f"the likelihood is skewed in {skewed}: errors now and expected follow from its curvature, "
+                "and the fit's intervals may be much narrower or wider"
+            )
         if fit.data.errors.by_drag is not None:  # a shot's errors are its own here
             sentences.append(
                 f"{DRAG}, in common to all flights, is taken as known in the new ones: errors may be larger"
@@ -321,8 +328,8 @@ class Planned:
             design.
         before: relative errors that are known now, by a fit or priors or what was measured; None
             where nothing is.
-        taken_as_known: a sentence for each parameter of the fit that has no standard error, and on the
-            drag of the air.
+        taken_as_known: a sentence for each parameter of the fit that has no standard error, on skewed
+            likelihoods, and on the drag of the air.
         sensors: what else each shot shows, and its relative uncertainty.
         without: relative errors without the sensors, of a design those of the best one of as many
             shots; None where there are none.

@@ -11,6 +11,7 @@ import calibration as cal
 import softjax as sj
 from tests.cases import fitted
 from tests.covariance import covariance_of
+from tests.coverage.test_coverage import drops as skewed_drops
 from tests.decay import Decay
 from tests.fit_data import twin
 
@@ -253,6 +254,20 @@ def test_a_plan_says_that_it_takes_the_drag_as_known(air):
     found = cal.fisher_information(cal.fit(data, Decay, **QUICK), v)
     assert ["air_drag" in line for line in found.taken_as_known] == [True] * air
     assert ("air_drag" in str(found)) == air
+
+
+def test_a_plan_says_that_errors_of_a_skewed_likelihood_are_of_its_curvature():
+    """Where the fit's table prints no ± the plan does not have its number without a word."""
+    result = cal.fit(skewed_drops(np.random.default_rng(0)), starts=1)
+    names = [name for name in ("chi", "eps_up") if result.estimates[name].printed_error is None]
+    assert names
+    text = f"the likelihood is skewed in {' and '.join(names)}: "
+    assert text in str(cal.fisher_information(result, [2.0]))
+    design = cal.optimal_velocities(result, 2, (1.0, 4.0), starts=1)
+    assert text in str(design)
+    plain = cal.fit(drops(np.linspace(1.0, 6.0, 12), 0.001), Decay, starts=1)
+    assert not any(e.skewed for e in plain.estimates.values())
+    assert "skewed" not in str(cal.fisher_information(plain, [2.0]))
 
 
 def test_a_planned_point_with_heavy_tails_counts_as_fisher_says():
