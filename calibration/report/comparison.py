@@ -85,7 +85,7 @@ def _score(value: float | None) -> str:
     """Text with one decimal; large scores as whole numbers."""
     if value is None:
         return ABSENT
-    return f"{round(value, 1) + 0.0:.1f}" if abs(value) < WHOLE else f"{value:.0f}"
+    return f"{value:z.1f}" if abs(value) < WHOLE else f"{value:.0f}"
 
 
 def _difference(delta: Any) -> str:

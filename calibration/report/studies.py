@@ -19,13 +19,13 @@ from calibration.studies.sensitivities import Sensitivities, SobolIndices
 def local_table(sensitivities: Sensitivities) -> str:
     """θ ∂ε/∂θ, an input a line, a velocity a column."""
     symbols = [declared.symbol for declared in sensitivities.declared.values()]
-    cells = np.vectorize(lambda x: f"{round(x, 5) + 0.0:.5f}")(sensitivities.absolute)
+    cells = np.vectorize(lambda x: f"{x:z.5f}")(sensitivities.absolute)
     return _table("θ ∂ε/∂θ at v [m/s]", sensitivities.velocity, symbols, cells)
 
 
 def sobol_table(indices: SobolIndices) -> str:
     """First-order and total indices, an input a line, a velocity a column; what does not rebound."""
-    cells = np.vectorize(lambda a, b: f"{round(a, 3) + 0.0:.3f} ({round(b, 3) + 0.0:.3f})")(
+    cells = np.vectorize(lambda a, b: f"{a:z.3f} ({b:z.3f})")(
         indices.first, indices.total
     )
     head = "Sobol indices, first (total) at v [m/s]"

@@ -123,6 +123,7 @@ def test_a_softer_law_gives_the_same_restitution_at_a_longer_step(name, exported
 REFUSED = [
     (STEEL, {"to": "fortran"}, "c, lammps, liggghts, yade"),
     (STEEL, {"tolerance": 0}, r"in \(0, 1\)"),
+    (STEEL, {"tolerance": 1}, r"in \(0, 1\)"),
     (STEEL, {"law": "viscoelastc"}, "did you mean 'viscoelastic'"),
     (STEEL, {"steps": 1}, "2 or more"),
     (STEEL, {"overlap": 1e-4}, r"above 0\.0143"),

@@ -246,6 +246,21 @@ def test_a_dashpot_gives_the_stated_restitution(code, law, options, exported):
         assert force(1e-5, 0.0) == pytest.approx(stiffness * 1e-5**1.5 / factor**2.5, rel=1e-9)
 
 
+def test_liggghts_takes_no_coefficient_of_0_05_or_less(exported):
+    """e of a full contact from ε of one that never pulls: ln ε = -2 ξ arccos ξ/√(1 - ξ²)."""
+    options = {"law": "hertz-dashpot", "tolerance": 0.3, "steps": 400}
+
+    def written(coefficient):
+        xi = ratio(coefficient)
+        epsilon = math.exp(-2 * xi * math.acos(xi) / math.sqrt(1 - xi**2))
+        _, folder = exported(sj.ConstantRestitution(PAIR, epsilon), "liggghts", **options)
+        return liggghts_numbers(read(folder, "liggghts")[0])[1]["coefficientRestitution"]
+
+    assert written(0.06) == pytest.approx(0.06)
+    with pytest.raises(ValueError, match=r"no coefficientRestitution of 0\.045; above 0\.05, or"):
+        written(0.045)
+
+
 @pytest.mark.parametrize("code", SPRINGS)
 @pytest.mark.parametrize("source", ["steel", "from its own"])
 def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported):

@@ -274,23 +274,26 @@ def test_a_parameter_that_moves_nothing_but_rounding_stays_where_it_is():
     class Scaled(sj.RateIndependentLaw):
         contact: sj.Contact
         scale: float
+        width: float
         steeper: float
 
         def loading_force(self, overlap):
-            return 1e6 * self.scale * overlap
+            return 1e6 * self.scale * self.width * overlap
 
         def unloading_force(self, overlap, peak_overlap):
             back = (1 + self.steeper) * (peak_overlap - overlap)
-            return 1e6 * self.scale * (peak_overlap - back)
+            return self.loading_force(peak_overlap - back)
 
     random = np.random.default_rng(0)
     restitution = 0.6 + 0.01 * random.standard_normal(12)
     data = cal.RestitutionData(np.geomspace(0.5, 5, 12), restitution, pair("stainless steel"))
-    result = cal.fit(data, Scaled, {"scale": cal.Parameter(1.0)}, profiles=False, starts=4)
+    begun = {"scale": cal.Parameter(1.0), "width": cal.Parameter(1.0)}
+    result = cal.fit(data, Scaled, begun, profiles=False, starts=4)
     assert result.converged
     assert result.standard_errors["scale"] is None
     assert 1e-4 < abs(result.values["scale"]) < 1e4
-    assert "rank-deficient" in {warning.code for warning in result.warnings}
+    (cause,) = (one.cause for one in result.warnings if one.code == "rank-deficient")
+    assert cause.startswith("scale and width do not show in these data, or only together")
     scatter, mean = np.std(restitution, ddof=1), np.mean(restitution)
     assert result.materials[0].noise == pytest.approx(scatter, rel=1e-6)  # it costs no point
     # ε² = 1/(1 + steeper)
