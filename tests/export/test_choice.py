@@ -136,6 +136,7 @@ REFUSED = [
     (STEEL, {"below": "held"}, "none or hold"),
     (STEEL, {"to": "yade", "law": "walton-braun", "below": "hold"}, "constant"),
     (STEEL, {"to": "lammps", "law": "viscoelastic", "below": "hold"}, "--export-law linear or"),
+    (STEEL, {"law": "viscoelastic", "below": "hold"}, "--export-law linear or"),
     (STEEL, {"to": "yade", "law": "walton-braun", "on_wall": True}, "loses nothing at a wall"),
     (STEEL, {"sizes": (0.01, -1)}, "radii of the types"),
     (STEEL, {"sizes": (0.01,), "on_wall": True}, "export each size by itself"),

@@ -80,6 +80,10 @@ def looks(figure: Figure) -> list[str]:
     """Its size and title, and lines for each of its axes: place, words, ticks, and all that is drawn."""
     rounded = lambda *numbers: " ".join(f"{x:.4g}" for x in np.hstack([*numbers, []]) + 0.0)  # noqa: E731
     rows = [rounded(figure.get_size_inches()) + f" {figure.get_suptitle()}"]
+    for x in (*figure.legends, *(ax.get_legend() for ax in figure.axes)):
+        rows += (
+            [f"legend in {x._ncols}: {[text.get_text() for text in x.get_texts()]}"] if x else []
+        )
     for ax in figure.axes:
         parts = [rounded(ax.get_subplotspec().get_geometry()[:3]), ax.get_title()]
         for axis in (ax.xaxis, ax.yaxis):

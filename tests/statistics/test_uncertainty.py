@@ -3,6 +3,7 @@
 import io
 
 import iminuit
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -96,6 +97,26 @@ def test_a_profile_follows_a_valley_to_its_end():
 
     rise = [lowest(end) - lowest(result.values["psi"]) for end in result.intervals["psi"]]
     assert rise == pytest.approx([stats.chi2.ppf(0.95, 1)] * 2, rel=1e-3)
+
+
+class Logarithmic(sj.HardSphereLaw):
+    k: float = sj.number_field("k", within="(0, inf)", default=1.0)
+
+    def restitution_squared(self, velocity):
+        return (0.5 + 0.01 * jnp.log(self.k) + 0 * velocity) ** 2
+
+
+@pytest.mark.parametrize("powers", [11, 13])
+def test_an_interval_that_reaches_beyond_e_to_the_twelfth_is_open(powers):
+    u = 0.01 * powers / stats.norm.ppf(0.975) * 4**0.5
+    data = cal.RestitutionData(
+        np.arange(1.0, 5.0), 0.5 + 1e-3 * np.array([1, -1, -1, 1]), uncertainty=u
+    )
+    found = cal.fit(data, Logarithmic, starts=1).estimates["k"]
+    ends = (
+        (None, None) if powers > 12 else pytest.approx((np.exp(-powers), np.exp(powers)), rel=1e-3)
+    )
+    assert (found.low, found.high) == ends
 
 
 def test_an_interval_at_a_bound_knows_as_little_of_the_noise():
