@@ -37,7 +37,7 @@ from calibration.data.plausible import RANGES, of_bodies
 from calibration.data.sheet import read_csv
 from calibration.data.stated import Parameters, measure
 from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
-from calibration.errors import DataError, InputError, Origin, listed, printable
+from calibration.errors import DataError, InputError, Origin, is_finite_number, listed, printable
 from calibration.options import FitOptions
 from calibration.parameters import Parameter
 from calibration.schema import Refused, Strict
@@ -267,6 +267,11 @@ class MaterialEntry:
         self.file, self.place, self.name = file, ("material", i), name
         self.table = table = file.content.material[i]
         self.origin = Origin(file.path, file.line(self.place))
+        self.stated: dict[str, Parameter] = {}
+        for place, parameters in (((), file.content.parameters), (self.place, table.parameters)):
+            for key, parameter in parameters.items():
+                origin = Origin(file.path, file.line((*place, "parameters", key)))
+                self.stated[key] = parameter.model_copy(update={"origin": origin})
         self._check_far()
         if needs_data and table.data is None:
             raise self._refusal((), "data is missing", "needed is the name of a CSV file")
@@ -281,11 +286,6 @@ class MaterialEntry:
         except InputError as error:
             error.accepted += next(self._suspects(), "")
             raise
-        self.stated: dict[str, Parameter] = {}
-        for place, parameters in (((), file.content.parameters), (self.place, table.parameters)):
-            for key, parameter in parameters.items():
-                origin = Origin(file.path, file.line((*place, "parameters", key)))
-                self.stated[key] = parameter.model_copy(update={"origin": origin})
 
     @property
     def implausible(self) -> list[str]:
@@ -312,10 +312,13 @@ class MaterialEntry:
             for name, plausible in PLAUSIBLE.items() if self.table.plausibility else ():
                 value = getattr(body, name, None)
                 if value is not None and plausible.is_far(value):
-                    problem = f"{name} is {value:.3g} {plausible.unit}, "
-                    problem += f"more than 100 times outside {plausible.accepted}"
-                    accepted = "is its unit right? plausibility = false takes it as it is"
-                    raise self._refusal((*place, name), problem, accepted)
+                    raise self._refusal((*place, name), *plausible.refusal(name, value))
+        for name, parameter in self.stated.items() if self.table.plausibility else ():
+            known = PLAUSIBLE.get(name.removeprefix("contact."))
+            for value in (parameter.value, *(parameter.prior or ())[:1]):
+                if known and parameter.origin and is_finite_number(value) and known.is_far(value):
+                    line = parameter.origin.line
+                    raise InputError(self.file.path, line, *known.refusal(name, value))
 
     def _pair(self, radius: Any) -> tuple[sj.Contact, tuple[Body, Body]]:
         """The contact and both bodies, where the first has this radius, or one in each row."""
@@ -425,7 +428,8 @@ def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:
         try:
             entries.append(MaterialEntry(file, i, name, needs_data))
         except InputError as error:
-            faults.append(error)
+            if str(error) not in map(str, faults):  # of what is stated for all
+                faults.append(error)
         if len(faults) > FAULTS:
             break
     if faults:

@@ -44,6 +44,11 @@ class Range(NamedTuple):
         """Whether a number, or one of an array, is more than 100 times outside."""
         return bool(np.any(value > FAR * self.highest) or np.any(value < self.lowest / FAR))
 
+    def refusal(self, name: str, value: float) -> tuple[str, str]:
+        """What is wrong with such a number, and what is accepted."""
+        problem = f"{name} is {value:.3g} {self.unit}, more than 100 times outside {self.accepted}"
+        return problem, "is its unit right? plausibility = false takes it as it is"
+
 
 RANGES = {
     "radius": Range("radius", "radius", 1e-6, 1.0, "m"),

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from calibration.data.units import NAMED, parted, quantity
+from calibration.data.units import NAMED, parted, quantity, unit_of
 from calibration.errors import DataError, is_finite_number, shown
 from calibration.parameters import Parameter
 from calibration.schema import Refused
@@ -80,9 +80,11 @@ def _parameter(name: str, table: Any) -> Parameter:
 
 def _in_si(name: str, value: Any, key: str) -> Any:
     """A value, its bounds or its prior, with texts as numbers."""
-    if isinstance(value, list):
-        return [_in_si(name, entry, key) for entry in value]
     si = OF_PARAMETERS.get(name.removeprefix("contact."))
+    if isinstance(value, list):
+        numbers = [_in_si(name, entry, key) for entry in value]
+        _check_units(value, key, si)
+        return numbers
     if not isinstance(value, str) or key in ("transform", "shared", "free", "unit"):
         return value
     if si is None:
@@ -91,6 +93,16 @@ def _in_si(name: str, value: Any, key: str) -> Any:
         return quantity(value, si)
     except DataError as error:
         raise DataError(key, f'"{value}"', error.accepted) from None
+
+
+def _check_units(entries: list[Any], key: str, si: str | None) -> None:
+    """Refuse a number without a unit next to one in another unit than SI; 0 has none."""
+    bare = next((entry for entry in entries if is_finite_number(entry) and entry), None)
+    for text in filter(lambda entry: isinstance(entry, str), entries):
+        unit = "" if si is None else parted(text, si)[1]
+        if si is not None and bare is not None and unit_of(unit, si) != 1:
+            accepted = f'"{bare:g} {si}" or "{bare:g} {unit}"'
+            raise DataError(key, f'{bare:g}, without a unit next to "{text}"', accepted)
 
 
 Parameters = Annotated[

@@ -33,7 +33,7 @@ ANY_CASE = ("m/s", "m", "s")
 POWERS = {"G": 9, "M": 6, "k": 3, "c": -2, "m": -3}  # of ten, that prefixes stand for
 SIGNS = str.maketrans(
     {"⁻": "-", "−": "-", "¹": "1", "²": "2", "³": "3", "µ": "u", "μ": "u", "_": "/"}
-    | dict.fromkeys("⋅·*,", " ")
+    | dict.fromkeys("⋅·*,.", " ")
     | dict.fromkeys("{}$\\", None)
 )
 UNIT = re.compile(r"[A-Za-z][A-Za-z/ ^0-9-]{0,39}")
@@ -118,5 +118,5 @@ def _registry() -> Any:
     import pint
 
     registry = pint.UnitRegistry(non_int_type=Fraction)
-    registry.define("kmh = kilometer / hour")
+    registry.define("kmh = kilometer / hour = kmph")  # and no thousands of mph
     return registry

@@ -25,9 +25,7 @@ def local_table(sensitivities: Sensitivities) -> str:
 
 def sobol_table(indices: SobolIndices) -> str:
     """First-order and total indices, an input a line, a velocity a column; what does not rebound."""
-    cells = np.vectorize(lambda a, b: f"{a:z.3f} ({b:z.3f})")(
-        indices.first, indices.total
-    )
+    cells = np.vectorize(lambda a, b: f"{a:z.3f} ({b:z.3f})")(indices.first, indices.total)
     head = "Sobol indices, first (total) at v [m/s]"
     table = _table(head, indices.velocity, indices.symbols, cells)
     still = zip(indices.zeros, indices.velocity, strict=True)

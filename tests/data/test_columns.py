@@ -199,12 +199,12 @@ def test_groups_go_with_every_set_of_columns():
 # size in SI, by the definitions of the inch, foot, mile and pound-force: spellings
 SPEED_UNITS = {
     1.0: "m/s | m / s | m per s | m s^-1 | m s-1 | m s⁻¹ | m·s^-1 | m⋅s⁻¹ | m*s⁻¹ | m\\,s^{-1} | "
-    "$m s^{-1}$ | ms^-1 | ms-1 | m_s | mps | M/S | m/sec | m s−1 | mm/ms | mm ms^-1 | um/us",
+    "$m s^{-1}$ | m.s-1 | ms^-1 | ms-1 | m_s | mps | M/S | m/sec | m s−1 | mm/ms | mm ms^-1 | um/us",
     0.01: "cm/s | cm s⁻¹ | cms-1 | cm_s | Cm/s",
     0.001: "mm/s | mm s^-1 | mms-1 | mm_s",
     1e-6: "um/s | µm/s | μm s⁻¹",
     1000.0: "km/s | m/ms | m ms⁻¹",
-    1 / 3.6: "km/h | KM/H | km h⁻¹ | km h-1 | kmh-1 | km_h | kmh | kph | km per h",
+    1 / 3.6: "km/h | KM/H | km h⁻¹ | km h-1 | kmh-1 | km_h | kmh | kmph | kph | km per h",
     1 / 60: "m/min",
     0.3048: "ft/s | ft s^-1 | fps | ft_s",
     0.0254: "in/s | in s⁻¹",
