@@ -232,14 +232,6 @@ def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_pa
         export = cal.export(STEEL, "c", tmp_path, velocity_range=RANGE, tolerance=0.02)
     as_recorded("export", {**figures, "printed": str(export)})
     curves, errors = figures["export.png"].axes
-    assert curves.get_ylabel() == r"restitution $\varepsilon$"
-    assert errors.get_xlabel() == "impact velocity $v$ [m/s]"
-    assert errors.get_ylabel() == r"exported $-$ requested"
-    assert errors.get_xscale() == curves.get_xscale() == "log"
-    (legend,) = figures["export.png"].legends
-    names = ["requested, Zhou", "c: Walton and Braun's spring, k2 growing with the force"]
-    names += [f"± error of the time step, {1e6 * export.time_step:.3g} µs", "tolerance"]
-    assert [text.get_text() for text in legend.get_texts()] == names
     (velocity, expected), (_, given) = (line.get_data() for line in curves.lines)
     np.testing.assert_allclose(velocity, np.geomspace(*RANGE, 65))
     np.testing.assert_allclose(expected, curve(STEEL, velocity))

@@ -242,8 +242,6 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     factor, error = (float(number) for number in times.groups())
     assert 0.9 < factor < 0.92
     assert error == pytest.approx(0.01 * factor, rel=0.06)  # of two digits
-    assert "\n- t_c: contact time\n" in report
-    assert "| contact time t_c | 24 |" in report
     band = result.band(v[:12], impact=20)
     pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.012, 0.012)
     one = sj.Contact(**{**pair.leaves(), "youngs_modulus": 1.1 * pair.youngs_modulus})

@@ -17,17 +17,20 @@ SYMBOLS = dict(zip(LEAVES, ("E", "R", "M", "Y", "v_lim"), strict=True))
 SYMBOLS |= {"stiffness": "k", "critical_overlap": "delta_cr", "critical_velocity": "v_cr"}
 ENTRIES = {entry.name: entry for entry in paper.TABLE_1}
 # Table 1: E [Pa], Poisson's ratio, density [kg/m³], yield strength [Pa]; v_cr, v_lim [m/s], σ, ψ,
-# E/Y, χ̃ as printed
+# E/Y, χ̃, radii [m] as printed
 TABLE_1 = {
     "stainless steel": (
         (1.93e11, 0.35, 8030.0, 3.10e8),
-        (0.0082, 340, 3.0432, 0.5400, 354.75, 0.1368),
+        (0.0082, 340, 3.0432, 0.5400, 354.75, 0.1368, 0.0127),
     ),
     "chrome steel": (
         (2.03e11, 0.28, 7830.0, 2.03e9),
-        (0.9090, 882, 0.1418, 0.3114, 54.25, 0.0239),
+        (0.9090, 882, 0.1418, 0.3114, 54.25, 0.0239, 0.0127),
     ),
-    "nylon": ((2.5e9, 0.30, 1140.0, 4.0e7), (0.8352, 324, 0.4355, 0.5414, 34.34, 0.0160)),
+    "nylon": (
+        (2.5e9, 0.30, 1140.0, 4.0e7),
+        (0.8352, 324, 0.4355, 0.5414, 34.34, 0.0160, 0.00635, 0.0127, 0.0254),
+    ),
 }
 
 
@@ -38,7 +41,7 @@ def test_table_1_and_what_the_library_makes_of_it(name):
     entry, contact = ENTRIES[name], pair(name)
     assert tuple(jax.tree.leaves(MATERIALS[name])) == properties
     found = (entry.critical_velocity, entry.limit_velocity, entry.sigma, entry.psi)
-    assert (*found, entry.yield_ratio, entry.chi) == printed
+    assert (*found, entry.yield_ratio, entry.chi, *entry.radii) == printed
     assert (entry.sigma, entry.psi) == (FITTED[name]["sigma"], FITTED[name]["psi"])
     critical = 0.9096 if name == "chrome steel" else printed[0]
     assert contact.critical_velocity == pytest.approx(critical, abs=5e-5)

@@ -106,7 +106,6 @@ CSV_FILES = {
     "zero drop height": ("m.csv:3", "drop_height is 0|positive height", under("h0 [cm],h1 [cm]", "10,8", "0,0")),
     "negative rebound height": ("m.csv:2", "rebound_height|-1|0 m or more", under("h0,h1", "1,-1")),
     "heights exchanged": ("m.csv:3", "rebound_height|1.6|drop_height, 1", under("h0,h1", "2,1", "1,1.6")),
-    "velocities exchanged": ("m.csv:3", "rebound_velocity|1.3|impact_velocity, 1", under("v_in,v_out", "2,1", "1,1.3")),
     "balls from both sides": ("m.csv:3", "impact_velocity|-0.5|positive speed", under("v_in,v_out", "0.5,-0.4", "-0.5,0.4")),
     "one interval a launch": ("m.csv:1", "launch|1 row|2 adjacent rows", under("interval,launch", "0.6,1", "0.5,2")),
     "two times a launch": ("m.csv:1", "launch|2 row|3 adjacent rows", under("time", "0.6", "0.9")),
