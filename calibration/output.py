@@ -101,4 +101,7 @@ def _concerns(name: str | bytes, directory: Path) -> bool:
 
 
 def _nearest_existing(directory: Path) -> Path:
-    return next(p for p in (directory, *directory.absolute().parents) if os.path.lexists(p))
+    try:
+        return next(p for p in (directory, *directory.absolute().parents) if os.path.lexists(p))
+    except OSError as error:  # the working directory was removed
+        raise NotWritten(directory, error) from None

@@ -268,6 +268,16 @@ def test_a_signal_that_garbage_collection_swallowed_stops_a_command(
     assert wait or error == line
 
 
+def test_results_of_a_working_directory_that_was_removed_are_not_written(at, monkeypatch):
+    (at / "gone").mkdir()
+    monkeypatch.chdir(at / "gone")
+    (at / "gone").rmdir()
+    code, out, error = run("--no-cache", *CURVE, "--out", "results")
+    monkeypatch.chdir(at)
+    line = "softjax: 'results' could not be written to (No such file or directory)\n"
+    assert (code, out, error) == (3, "", line)
+
+
 def while_importing(number):
     """Extension modules make an `ImportError` of what is raised while they begin."""
     try:
