@@ -16,9 +16,11 @@ Source: Patterson and Thompson, Biometrika 58, 545 (1971); Lange, Little and Tay
 84, 881 (1989), of the information of t errors; Harville, J. Am. Stat. Assoc. 72, 320 (1977), of pools."""
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 from scipy import special
@@ -152,6 +154,13 @@ class _Search:
         ranges = [NUMBERS.get(kind, (LEAST, MOST, 1.0))[:3] for kind in errors.unknown]
         self.lower, self.upper, self.first = np.log(ranges).T
 
+    def some(self, fits: np.ndarray) -> "_Search":
+        """The same of some of the fits."""
+        part = copy(self)
+        part.residuals = jax.tree.map(lambda leaf: leaf[fits], self.residuals)
+        part.square, part.unit = self.square[fits], self.unit[fits]
+        return part
+
     def _unit(self, kind: str) -> np.ndarray:
         """Variance that makes ε as uncertain as the residuals are."""
         if kind in NUMBERS:
@@ -207,10 +216,10 @@ class _Search:
 
     def descended(self, y: np.ndarray) -> np.ndarray:
         """The nearest minimum of each fit; a variance that is none ends at its lower bound."""
-        y, going = np.array(y), np.ones(len(y), bool)
+        y, going, search = np.array(y), np.arange(len(y)), self
         for _ in range(ROUNDS):
-            here, gradient, curvature = self.expanded(y)
-            at_end = (y <= self.lower) & (gradient > 0) | (y >= self.upper) & (gradient < 0)
+            here, gradient, curvature = search.expanded(at := y[going])
+            at_end = (at <= self.lower) & (gradient > 0) | (at >= self.upper) & (gradient < 0)
             gradient = np.where(at_end, 0.0, gradient)
             free = ~(at_end[:, :, None] | at_end[:, None])
             values, vectors = np.linalg.eigh(np.where(free, curvature, np.eye(y.shape[1])))
@@ -221,18 +230,19 @@ class _Search:
             along = np.clip(along, -LONGEST, LONGEST)
             step = -np.einsum("fij,fj->fi", vectors, along)
             last = np.max(np.abs(step), axis=1) <= ARRIVED
-            share, moved = np.where(going, 1.0, 0.0), ~going | last
-            trial = np.clip(y + share[:, None] * step, self.lower, self.upper)
+            share, moved = np.ones(len(at)), np.array(last)
+            trial = np.clip(at + share[:, None] * step, self.lower, self.upper)
             for _ in range(HALVINGS):
                 if np.all(moved):
                     break
-                moved |= self.value(trial) <= here + 1e-13 * np.abs(here)
+                moved |= search.value(trial) <= here + 1e-13 * np.abs(here)
                 share = np.where(moved, share, 0.5 * share)
-                trial = np.clip(y + share[:, None] * step, self.lower, self.upper)
-            going &= moved & ~last & np.any(trial != y, axis=1)
-            y = np.where(moved[:, None], trial, y)
-            if not np.any(going):
+                trial = np.clip(at + share[:, None] * step, self.lower, self.upper)
+            y[going] = np.where(moved[:, None], trial, at)
+            further = moved & ~last & np.any(trial != at, axis=1)
+            if not np.any(further):
                 break
+            going, search = going[further], search.some(further)
         return y
 
 
