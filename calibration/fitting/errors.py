@@ -137,7 +137,7 @@ class Errors:
             noise,
             None if degrees is None else float(np.mean(degrees)),
             velocity,
-            limit * (1 - 1e-9),
+            limit,
             log_unit=log_unit,
             labels=group,
         )

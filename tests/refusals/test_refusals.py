@@ -1,6 +1,8 @@
 """Every refusal names the place, what was given and what is accepted, in one line; the published schemas refuse the same."""
 
 import copy
+import dataclasses
+import inspect
 import json
 import os
 import tomllib
@@ -9,6 +11,7 @@ import jsonschema
 import pytest
 
 import calibration as cal
+import softjax as sj
 from tests.command import run
 from tests.refusals.table import (
     CASES,
@@ -23,6 +26,7 @@ from tests.refusals.table import (
     sentences,
     written,
 )
+from tests.shown.capture import as_recorded
 
 LONGEST = 420  # characters beside the folder
 
@@ -61,6 +65,31 @@ def test_the_files_that_the_cases_spoil_are_good(tmp_path):
 def test_whole_sentences(way, name, tmp_path):
     """As `sentences.txt` has them, which `python -m tests.refusals.table` writes again."""
     assert sentence(way, name, tmp_path) == sentences()[way, name]
+
+
+def defaults(name, function):
+    """`name: argument=default, …`; no line without defaults."""
+    arguments = inspect.signature(function).parameters.values()
+    texts = [
+        f"{p.name}={'a function' if callable(p.default) else p.default!r}"
+        for p in arguments
+        if p.default is not p.empty
+    ]
+    return [f"{name}: {', '.join(texts)}"] if texts else []
+
+
+def test_arguments_of_public_names_have_the_defaults_that_are_recorded():
+    """A default decides about results as any argument does."""
+    lines = []
+    for package, name in [(p, n) for p in (sj, cal) for n in p.__all__]:
+        of = getattr(package, name)
+        is_class = inspect.isclass(of)
+        if inspect.isfunction(of) or (is_class and dataclasses.is_dataclass(of)):
+            lines += defaults(name, of)
+        for method, function in inspect.getmembers(of, inspect.isroutine) if is_class else ():
+            own = (getattr(function, "__module__", None) or "").startswith(package.__name__)
+            lines += defaults(f"{name}.{method}", function) if own and method[0] != "_" else []
+    as_recorded("defaults", {"public names": "\n\n".join(sorted(lines))})
 
 
 READERS = [cal.read_csv, cal.read_toml, cal.read_problem, cal.FitResult.load]

@@ -424,12 +424,14 @@ def test_residuals_of_groups_have_colours_and_markers(tmp_path):
 
 
 def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(tmp_path):
-    """0.01 off: a ring; 0.6 off: an arrow at the edge of both panels."""
+    """0.01 off: a ring; 0.6 off, below or above: an arrow at the edge of both panels."""
     v = np.geomspace(0.5, 5.0, 12)
     e = 0.9 + 0.001 * (-1.0) ** np.arange(12)
     e[[3, 7]] = 0.91, 0.3
     data = [cal.RestitutionData(v, e, uncertainty=0.001, name="a")]
-    data.append(cal.RestitutionData(20 * v**2, e, uncertainty=0.001, name="b"))
+    data.append(
+        cal.RestitutionData(20 * v**2, abs(e - 0.2 - 0.9 * (e < 0.5)), None, 0.001, name="b")
+    )
     result = cal.fit(data, "constant", noise="student-t", profiles=False)
     made = reported(result, tmp_path)
     as_recorded("outliers", made.everything)
@@ -437,12 +439,12 @@ def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(
     assert {ax.get_xscale() for ax in axes} == {"log"}
     for ax in axes[:4]:
         assert np.ptp(ax.get_ylim()) < 0.1
-        marked = {m: [x for x in ax.get_lines() if x.get_marker() == m] for m in "ov"}
-        (ring,) = (x for x in marked["o"] if x.get_markersize() == 8)
-        (arrow,) = marked["v"]
-        assert [len(x.get_xdata()) for x in (ring, arrow)] == [1, 1]
-        low, high = ax.get_ylim()
-        assert low < arrow.get_ydata()[0] < low + 0.2 * (high - low)
+        rings = [x for x in ax.get_lines() if (x.get_marker(), x.get_markersize()) == ("o", 8)]
+        (arrow,) = (x for x in ax.get_lines() if "beyond" in x.get_label())
+        assert [len(x.get_xdata()) for x in (*rings, arrow)] == [1, 1]
+        edge = ax.get_ylim()["v^".index(arrow.get_marker())]
+        assert 0 < abs(arrow.get_ydata()[0] - edge) < 0.2 * np.ptp(ax.get_ylim())
+    assert [ax.get_lines()[-1].get_marker() for ax in axes[:4]] == [*"v^v^"]
     assert len([x for x in legend(axes[0].figure) if x.startswith("not explained by")]) == 2
 
 
