@@ -234,19 +234,20 @@ PAIRED = ("chi", "sigma", "psi", "E", "Y", "v")  # with second derivatives
 MODES = list(itertools.product((forward, jax.jacrev), repeat=2))
 
 
-@pytest.mark.parametrize(
-    ("form", "outer", "inner"),
-    [
-        pytest.param(form, *modes, marks=[LONG] * (form != FORMS[0] or modes != MODES[0]))
-        for form in FORMS
-        for modes in MODES
-    ],
-)
-def test_in_properties_of_a_material(form, outer, inner):
+SIZES = {"coefficient": ("eps", None), "residual_overlap": ("residual_overlap", "peak_overlap")}
+THROUGH = [pytest.param(FORMS[0], MODES[0], ["coefficient"], id="quick")]
+THROUGH += [
+    pytest.param(*both, list(SIZES), marks=LONG) for both in itertools.product(FORMS, MODES)
+]
+
+
+@pytest.mark.parametrize(("form", "modes", "parts"), THROUGH)
+def test_in_properties_of_a_material(form, modes, parts):
     """First derivatives through the contact of two equal spheres; second ones along directions.
 
     One Newton step on a frozen root would give first derivatives right and second ones wrong.
     """
+    outer, inner = modes
     records = of_form("materials", form)
     choices = stacked_inputs(records)
     values = np.stack([choices[name] for name in PROPERTIES])
@@ -261,13 +262,13 @@ def test_in_properties_of_a_material(form, outer, inner):
             contact = sj.Contact.between_spheres(material, material, R, R, area=choices["area"])
             law = sj.Zhou(contact, chi, sigma, psi, form=form, kappa=choices["kappa"])
             hit = sj.restitution(law, v)
-            return jnp.stack([hit.coefficient, hit.residual_overlap])
+            return jnp.stack([getattr(hit, part) for part in parts])
 
         return outer(lambda t: (inner(moved)(t),) * 2, has_aux=True)(0.0)
 
     second, first = jax.jit(lambda each: jax.lax.map(along, each))(directions)
-    for k, (name, scale) in enumerate({"eps": 1.0, "residual_overlap": "peak_overlap"}.items()):
-        size = column(records, scale) if k else 1.0
+    for k, (name, scale) in enumerate(map(SIZES.get, parts)):
+        size = column(records, scale) if scale else 1.0
         slopes = np.array([column(records, "log_sensitivities", p, name) for p in PROPERTIES])
         off = np.abs(first[:, k] - directions @ slopes) / size
         assert np.all(off[:9] <= [1e-9, 1e-7][k])
@@ -388,16 +389,3 @@ def test_hard_impacts_in_float32(form):
         error = np.asarray(getattr(result, found), float) ** 2 - np.maximum(column(rows, name), 0)
         assert failing(rows, np.abs(error) <= allowed) == []
     assert failing(rows, result.status == flags_of(rows)) == []
-
-
-def test_hard_impacts_alone_are_as_in_the_batch():
-    """Neighbours do not touch each other: of a batch that is one row again and again."""
-    rows = hard_rows("float64", "first-order")
-    values = of_records(rows)
-    batch = squares(values, "first-order", "energy", np.float64)
-    for k in range(0, len(rows), 7):
-        same = {name: np.full(laws.SIZE, x[k]) for name, x in values.items()}
-        value, _, status, slopes = squares(same, "first-order", "energy", np.float64)
-        assert value[0] == pytest.approx(batch[0][k], rel=1e-14, abs=1e-15), rows[k]["name"]
-        assert status[0] == batch[2][k], rows[k]["name"]
-        assert np.allclose(slopes[0][:, 0], batch[3][0][:, k], rtol=1e-12, atol=1e-15)
