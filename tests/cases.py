@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import softjax as sj
 
@@ -23,6 +24,17 @@ FITTED = {  # χ̃ that fits the paper's curves with the consistent κ; σ and �
     "chrome steel": {"chi": 0.09867, "sigma": 0.1418, "psi": 0.3114},
     "nylon": {"chi": 0.21998, "sigma": 0.4355, "psi": 0.5414},
 }
+
+
+def mostly_long(names: str, every, quick=None):
+    """A test of all cases: of those in `quick`, or of the first one, by default, else a long one."""
+
+    def param(k, case):
+        is_quick = k == 0 if quick is None else case in quick
+        values = case if isinstance(case, tuple) else (case,)
+        return pytest.param(*values, marks=() if is_quick else pytest.mark.long)
+
+    return pytest.mark.parametrize(names, [param(*one) for one in enumerate(every)])
 
 
 def pair(name: str, area: str = "zhou") -> sj.Contact:

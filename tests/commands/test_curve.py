@@ -132,9 +132,9 @@ def test_a_file_may_fix_the_restitution_at_first_yield(at):
 
 
 def test_the_route_acts_in_curves_and_tables(at):
-    options = next(words for words in LAWS if "thornton" in words)  # soon compiled
-    grid = ["nylon", *options.split(), "--from", 30, "--to", 60, "--points", 2, "--spacing", "lin"]
-    exact = sj.restitution(LAWS[options], np.array([30.0, 60.0]))
+    law = ["--law", "linear", "--set", "stiffness=1e6", "--set", "restitution=0.6"]  # soon compiled
+    grid = ["nylon", *law, "--from", 30, "--to", 60, "--points", 2, "--spacing", "lin"]
+    exact = sj.restitution(sj.LinearSpringDashpot(ALLOY, 1e6, 0.6), np.array([30.0, 60.0]))
     coarse = ["--route", "ode", "--rtol", "1e-3"]
     for words, low, high in (([], 0, 1e-13), (coarse, 1e-12, 1e-2)):
         curve(*grid, "--format", "csv", "table", *words)

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests import laws
-from tests.cases import EPS, FORMS, RADIUS, column, fitted, flags_of, of_form, stacked_inputs
+from tests import cases, laws
+from tests.cases import EPS, FORMS, RADIUS, column, fitted, flags_of, mostly_long, of_form
 from tests.laws import LAWS, PRECISE, SYMBOLS, graded, numbers, of_records, with_numbers
 
 LONG = pytest.mark.long
@@ -151,10 +151,7 @@ def _along(name):
     return dict(zip(names, np.cos(1.0 + np.arange(len(names))), strict=True))
 
 
-QUICK = ("thornton", "hertz dashpot to zero-force", "eq. 17")
-
-
-@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else LONG) for n in LAWS])
+@mostly_long("name", LAWS, ("thornton", "hertz dashpot to zero-force", "eq. 17"))
 def test_second_derivatives_along_a_direction(name):
     """d²q/dt² with every number times e^{a t}: by forward over reverse, against differences."""
     case, along = LAWS[name], _along(name)
@@ -196,15 +193,10 @@ def test_second_derivative_where_damping_begins():
 # Zhou's law over the curves of three materials
 
 OVERLAPS = ("eps", "peak_overlap", "residual_overlap")
-CURVES = [
-    pytest.param("first-order", ENERGY, 2e-12, id="first-order-energy"),
-    pytest.param("full", ENERGY, 2e-12, id="full-energy"),
-    pytest.param("first-order", PRECISE, 1e-6, id="first-order-ode"),
-    pytest.param("full", PRECISE, 1e-6, id="full-ode", marks=LONG),
-]
+CURVES = [(form, *by) for form in FORMS for by in ((ENERGY, 2e-12), (PRECISE, 1e-6))]
 
 
-@pytest.mark.parametrize(("form", "route", "bound"), CURVES)
+@mostly_long("form, route, bound", CURVES, CURVES[:3])
 def test_first_derivatives_over_the_curves(form, route, bound):
     """ε, ε_p and both overlaps, in all nine inputs, forward and reverse; at 75 velocities of three materials."""
     records = of_form("curves", form)
@@ -235,13 +227,11 @@ MODES = list(itertools.product((forward, jax.jacrev), repeat=2))
 
 
 SIZES = {"coefficient": ("eps", None), "residual_overlap": ("residual_overlap", "peak_overlap")}
-THROUGH = [pytest.param(FORMS[0], MODES[0], ["coefficient"], id="quick")]
-THROUGH += [
-    pytest.param(*both, list(SIZES), marks=LONG) for both in itertools.product(FORMS, MODES)
-]
+THROUGH = [(FORMS[0], MODES[0], ["coefficient"])]
+THROUGH += itertools.product(FORMS, MODES, [list(SIZES)])
 
 
-@pytest.mark.parametrize(("form", "modes", "parts"), THROUGH)
+@mostly_long("form, modes, parts", THROUGH)
 def test_in_properties_of_a_material(form, modes, parts):
     """First derivatives through the contact of two equal spheres; second ones along directions.
 
@@ -249,7 +239,7 @@ def test_in_properties_of_a_material(form, modes, parts):
     """
     outer, inner = modes
     records = of_form("materials", form)
-    choices = stacked_inputs(records)
+    choices = cases.stacked_inputs(records)
     values = np.stack([choices[name] for name in PROPERTIES])
     directions = np.concatenate([np.eye(9), np.zeros((21, 9))])  # as many as pairs
     places = [PROPERTIES.index(name) for name in PAIRED]
@@ -301,14 +291,7 @@ def test_second_derivatives_by_the_equation_of_motion():
 
 KINDS = {"float64": np.float64, "float32": np.float32}
 TOLERANCE = {"float64": PRECISE.tolerance, "float32": 1e-6}
-QUICK_GROUPS = [("energy", "float64", "first-order"), ("ode", "float64", "first-order")]
-GROUPS = [
-    pytest.param(*group, marks=() if group in QUICK_GROUPS else LONG)
-    for route in ("energy", "ode")
-    for precision in KINDS
-    for form in FORMS
-    for group in [(route, precision, form)]
-]
+GROUPS = list(itertools.product(("energy", "ode"), KINDS, FORMS))
 
 
 @lru_cache
@@ -350,7 +333,7 @@ def failing(rows: list[dict], holds) -> list[str]:
     return [row["name"] for row, good in zip(rows, holds, strict=True) if not good]
 
 
-@pytest.mark.parametrize(("route", "precision", "form"), GROUPS)
+@mostly_long("route, precision, form", GROUPS, GROUPS[::4])
 def test_hard_impacts(route, precision, form):
     """All rows in one batch: neighbours of every kind, none of which touches another."""
     rows, dtype = hard_rows(precision, form), KINDS[precision]

@@ -331,7 +331,7 @@ def test_impacts_may_lack_a_restitution(tmp_path):
     assert result.materials[0].rms_empirical == pytest.approx(expected, rel=1e-6)
     assert "curves.png" in result.report(tmp_path)
     assert ["data", "13"] in [cells(line)[:2] for line in str(result).splitlines()]
-    _, lower = comparison_figure([cal.compare(data, ["thornton"], starts=2)]).axes
+    _, lower = comparison_figure([cal.compare(data, ["hertz"], starts=2)]).axes
     low, high = lower.get_ylim()
     assert low < np.min(eps[known]) < np.max(eps[known]) < high
 

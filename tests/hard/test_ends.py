@@ -7,14 +7,11 @@ import pytest
 
 import softjax as sj
 from tests import laws
+from tests.cases import mostly_long
 from tests.laws import LAWS, PAIR, numbers, with_numbers
 
-LONG = pytest.mark.long
-IN_DEFAULT = ("thornton", "walton-braun", "hertz dashpot to zero-force", "eq. 17")
-OTHERS = [pytest.param(n, marks=() if n in IN_DEFAULT else LONG) for n in LAWS]
 
-
-@pytest.mark.parametrize("name", OTHERS)
+@mostly_long("name", LAWS, ("thornton", "walton-braun", "hertz dashpot to zero-force", "eq. 17"))
 def test_float32_from_rest_to_its_largest_velocities(name):
     """Plain impacts as in 40 digits, hard ones numbers; slopes of ε finite, in float32 throughout."""
     case, exact = LAWS[name], laws.expected(name)
@@ -56,14 +53,11 @@ DAMPED = {
 }
 
 
-@pytest.mark.parametrize(
-    ("law", "dtype", "order"),
-    [
-        ("hertz-dashpot", np.float64, 2),
-        ("viscoelastic", np.float32, 1),
-        *(pytest.param(n, t, 2, marks=LONG) for n in DAMPED for t in (np.float64, np.float32)),
-    ],
-)
+ENDS = [(law, dtype, 2) for law in DAMPED for dtype in (np.float64, np.float32)]
+ENDS += [("viscoelastic", np.float32, 1)]
+
+
+@mostly_long("law, dtype, order", ENDS, [("hertz-dashpot", np.float64, 2), ENDS[-1]])
 def test_closed_forms_are_never_nan(law, dtype, order):
     """Values and derivatives of first and second order, wherever velocity and damping may be."""
     most = float(np.finfo(dtype).max) ** 0.8
@@ -87,9 +81,7 @@ def test_closed_forms_are_never_nan(law, dtype, order):
         assert not np.any(np.isnan(found))
 
 
-@pytest.mark.parametrize(
-    "route", [None, pytest.param(sj.ODE(rtol=1e-6), marks=pytest.mark.long)], ids=["energy", "ode"]
-)
+@mostly_long("route", [None, sj.ODE(rtol=1e-6)])
 def test_slow_impacts_on_a_growing_spring_in_float32(route):
     """ε² = k1/(k20 + s v √(k1 M)) with s = 1e12, and its slopes, from 1e-12 m/s on."""
     velocity = np.array([1e-12, 1e-9, 1e-6, 1.0], np.float32)
@@ -147,7 +139,7 @@ def test_nothing_is_gained_by_rounding(route):
     assert set(np.unique(yielding.status)) <= {sj.Status.PLAIN, sj.Status.ELASTIC}
 
 
-@pytest.mark.parametrize("dtype", [np.float64, pytest.param(np.float32, marks=LONG)])
+@mostly_long("dtype", [np.float64, np.float32])
 def test_thornton_far_beyond_yield(dtype):
     """d ln ε/d ln v = -1/4 up to where squares of v/V_y are no numbers; 0 with slope 0 at the end."""
     law, largest = jax.tree.map(dtype, LAWS["thornton"].law), np.finfo(dtype).max

@@ -11,16 +11,8 @@ import pytest
 import softjax as sj
 from tests import cases
 
-over_forms = pytest.mark.parametrize(
-    "form", [pytest.param(f, marks=[pytest.mark.long] * k) for k, f in enumerate(cases.FORMS)]
-)
-over_routes = pytest.mark.parametrize(
-    "route",
-    [
-        pytest.param(sj.EnergyBalance(), id="energy"),
-        pytest.param(sj.ODE(rtol=1e-6), id="ode", marks=pytest.mark.long),
-    ],
-)
+over_forms = cases.mostly_long("form", cases.FORMS)
+ROUTES = [sj.EnergyBalance(), sj.ODE(rtol=1e-6)]
 
 
 def in_float32(name: str, form: str) -> sj.Zhou:
@@ -48,7 +40,7 @@ def of_materials(form: str, route=None, law=cases.fitted) -> float:
 
 
 @over_forms
-@over_routes
+@cases.mostly_long("route", ROUTES)
 @pytest.mark.parametrize("law", [cases.fitted, in_float32], ids=["float64", "float32"])
 def test_materials(form, route, law):
     """1e-6 of 40-digit arithmetic, from numbers of either precision, with float64 switched on."""
@@ -76,7 +68,7 @@ def test_materials_without_x64(form):
 
 
 @over_forms
-@pytest.mark.parametrize("route", [sj.EnergyBalance(), sj.ODE(rtol=1e-6)], ids=["energy", "ode"])
+@pytest.mark.parametrize("route", ROUTES, ids=["energy", "ode"])
 def test_no_hidden_float64(form, route):
     """Nothing in the traced computation is wider than what went in, gradient included."""
 

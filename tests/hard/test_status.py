@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import fitted, pair
+from tests.cases import fitted, mostly_long, pair
 from tests.laws import LAWS
 
 STEEL = pair("stainless steel")
@@ -121,11 +121,7 @@ def test_a_formula_that_gives_no_number_or_too_much():
     assert (overflow.coefficient, overflow.status) == (0, FAILED)
 
 
-@pytest.mark.parametrize(
-    "route",
-    [sj.ODE(rtol=1e-5), pytest.param(sj.ODE(steps=8, solver="dopri5"), marks=pytest.mark.long)],
-    ids=["adaptive", "fixed"],
-)
+@mostly_long("route", [sj.ODE(rtol=1e-5), sj.ODE(steps=8, solver="dopri5")])
 def test_gains_of_damped_laws_are_flagged_and_rounding_is_none(route):
     power, rate = np.array([0.5, 1.0, 1.5, 2.0, 1.5]), np.array([0.0, 0.0, 0.0, 0.0, -0.1])
     found = sj.restitution(Driven(STEEL, power, rate), 1.0, route)

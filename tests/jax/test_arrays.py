@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import pair
+from tests.cases import mostly_long, pair
 from tests.laws import LAWS, QUANTITIES, numbers, with_numbers
 
 FIELDS = ("coefficient", "plastic_coefficient", "peak_overlap", "residual_overlap", "status", "ok")
@@ -77,12 +77,7 @@ def test_another_material_radius_and_factor_for_each_impact():
             assert together.status[i, j] == one.status
 
 
-QUICK = ("thornton", "hertz dashpot to zero-force", "eq. 17")
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.long) for n in LAWS]
-)
+@mostly_long("name", LAWS, ("thornton", "hertz dashpot to zero-force", "eq. 17"))
 def test_vmap_and_jit_are_what_arrays_are(name):
     """Over laws and velocities at once, along either axis, with durations."""
     case = LAWS[name]

@@ -1,12 +1,14 @@
 """Which calls compile: new shapes and static choices, no new numbers; nothing computes a hidden NaN."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import pair
+from tests.cases import mostly_long, pair
 from tests.laws import LAWS
 
 NYLON = pair("nylon")
@@ -83,12 +85,15 @@ def test_a_traced_tolerance(compiled):
 
     @jax.jit
     def of(route):
-        hit = sj.restitution(SPRING, velocity, route)
-        return hit, hit.duration
+        def lasting(stiffness):
+            hit = sj.restitution(replace(SPRING, stiffness=stiffness), velocity, route)
+            return hit.duration, hit
 
-    strict, lasts = of(sj.ODE(rtol=1e-12))
+        return jax.jvp(lasting, (1e6,), (1e6,), has_aux=True)
+
+    lasts, slope, strict = of(sj.ODE(rtol=1e-12))
     compiled.clear()
-    loose, _ = of(sj.ODE(rtol=1e-6))
+    *_, loose = of(sj.ODE(rtol=1e-6))
     assert compiled == []
     each = jax.jit(jax.vmap(jax.grad(total, has_aux=True)))
     slopes, at_once = each(np.array([1e-12, 1e-6, np.nan]))
@@ -96,6 +101,7 @@ def test_a_traced_tolerance(compiled):
     assert 1e-9 < np.max(np.abs(loose.coefficient - exact.coefficient)) < 1e-5
     assert np.allclose(strict.coefficient, exact.coefficient, rtol=0, atol=1e-12)
     assert np.allclose(lasts, exact.duration, rtol=1e-11, atol=0)
+    assert np.allclose(slope, -exact.duration / 2, rtol=1e-9, atol=0)  # T ∝ K^-1/2
     assert np.all(at_once.status[2] == sj.Status.SOLVER_FAILED)
     assert np.all(slopes == 0)
 
@@ -120,15 +126,10 @@ def test_derivatives_under_the_callers_jit_compile_once(compiled):
     assert compiled == []
 
 
-@pytest.mark.parametrize(
-    ("name", "route"),
-    [
-        pytest.param("thornton", None, id="thornton"),
-        pytest.param("zhou", None, id="first-order", marks=pytest.mark.long),
-        pytest.param("zhou full", None, id="full", marks=pytest.mark.long),
-        pytest.param("zhou", sj.ODE(), id="ode", marks=pytest.mark.long),
-    ],
-)
+WAYS = [("thornton", None), ("zhou", None), ("zhou full", None), ("zhou", sj.ODE())]
+
+
+@mostly_long("name, route", WAYS)
 def test_no_nan_is_made_and_hidden(name, route):
     """A core of everything once more while JAX looks into what each compiled function gives."""
     law = LAWS[name].law

@@ -38,7 +38,7 @@ CALLS = {
     "history": lambda law, v: sj.collide(law, v, samples=5).force,
 }
 LAWS = {"first-order": ZHOU, "viscous": VISCOUS, "own": Cone(PAIR, 1e11)}
-IN_TIME = [(call, law) for call in ("by time", "history") for law in ("viscous", "own")]
+IN_TIME = [("by time", "own"), ("history", "viscous")]
 
 
 def trace():

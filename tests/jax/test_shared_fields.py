@@ -12,12 +12,11 @@ import pytest
 from scipy.special import beta
 
 import softjax as sj
-from tests.cases import pair
+from tests.cases import mostly_long, pair
 
 STEEL = pair("stainless steel", area="hertz")
 VELOCITY = np.array([0.05, 0.4, 3.0])
 PACE = np.sqrt(STEEL.mass / 1e6)
-LONG = pytest.mark.long
 
 
 class Spring(sj.RateIndependentLaw):
@@ -27,6 +26,9 @@ class Spring(sj.RateIndependentLaw):
 
     def stiffening(self):
         return 0.0
+
+    def residual_overlap(self, peak_overlap):  # searched for otherwise: half of the program
+        return 0 * peak_overlap
 
     def loading_force(self, overlap):
         return 1e6 * overlap * (1 + self.stiffening() * overlap / 1e-3)
@@ -53,9 +55,6 @@ class Layered(Spring):
     """The same with all weights in one array, a hidden layer of a fourth as many."""
 
     weights: jax.Array = sj.array_field()
-
-    def residual_overlap(self, peak_overlap):  # searched for otherwise: half of the program
-        return 0 * peak_overlap
 
     def share(self, s, peak):
         at, of_peak, shift, out = jnp.reshape(self.weights, (4, -1))
@@ -92,6 +91,7 @@ class Named(Spring):
     """A straight line back, whose slope is found by name and place."""
 
     table: dict = sj.array_field()
+    residual_overlap = sj.RateIndependentLaw.residual_overlap
 
     def unloading_force(self, overlap, peak_overlap):
         stiffness = {"one": 2e6, "other": 4e6}[self.table["kind"]]
@@ -144,9 +144,7 @@ def by_gauss(law, velocity=VELOCITY):
     return jnp.sqrt(returned * (over(0.5 * (nodes + 1), straight / part) @ weights))
 
 
-@pytest.mark.parametrize(
-    "route", [None, pytest.param(sj.ODE(rtol=1e-10), marks=LONG)], ids=["energy", "ode"]
-)
+@mostly_long("route", [None, sj.ODE(rtol=1e-10)])
 def test_a_network(route):
     """Values by Gauss's rule; slopes along a random direction through all weights by its differences."""
     weights, rest = eqx.partition(network(), eqx.is_inexact_array)
@@ -187,13 +185,10 @@ def gradient_and_hessian(f):
 DERIVATIVES = {"jacfwd": jax.jacfwd, "jacrev": jax.jacrev, "hessian": gradient_and_hessian}
 
 
-@pytest.mark.parametrize(
-    ("count", "mode", "stacked"),
-    [
-        pytest.param(*case, marks=() if case == (8, "hessian", False) else LONG)
-        for case in itertools.product((8, 128), DERIVATIVES, (True, False))
-    ],
-)
+BY_WEIGHTS = itertools.product((8, 128), DERIVATIVES, (True, False))
+
+
+@mostly_long("count, mode, stacked", BY_WEIGHTS, [(8, "hessian", False)])
 def test_derivatives_by_every_weight(count, mode, stacked):
     """Of ε by the equation of motion, against those of Gauss's rule; of several networks under `vmap`."""
 
@@ -214,23 +209,22 @@ def test_derivatives_by_every_weight(count, mode, stacked):
         assert np.max(np.abs(found - expected)) < 1e-6 * np.max(np.abs(expected))
 
 
+HUNDREDS = sj.ODE(rtol=1e-9, solver="bosh3")  # of steps
 DASHPOTS = [
-    (sj.ODE(rtol=1e-9, solver="bosh3"), "zero-overlap", 1e-6),  # some hundred steps
-    (sj.ODE(), "zero-force", 1e-6),
-    (sj.ODE(rtol=1e-9, solver="tsit5"), "zero-overlap", 1e-6),
-    (sj.ODE(solver="dopri5", steps=100), "zero-overlap", 1e-6),
-    (sj.ODE(solver=diffrax.Euler(), steps=4000), "zero-force", 1e-2),
+    (HUNDREDS, "zero-overlap", 1e-6, 0.0),
+    (HUNDREDS, "zero-overlap", 1e-6, 2.0),
+    (sj.ODE(), "zero-force", 1e-6, 2.0),
+    (sj.ODE(rtol=1e-9, solver="tsit5"), "zero-overlap", 1e-6, 2.0),
+    (sj.ODE(solver="dopri5", steps=100), "zero-overlap", 1e-6, 2.0),
+    (sj.ODE(solver=diffrax.Euler(), steps=4000), "zero-force", 1e-2, 2.0),
 ]
 
 
-@pytest.mark.parametrize(
-    ("route", "end", "bound"),
-    [pytest.param(*row, marks=[LONG] * (k > 0)) for k, row in enumerate(DASHPOTS)],
-)
-def test_slopes_in_many_numbers_of_a_dashpot(route, end, bound):
+@mostly_long("route, end, bound, lasting", DASHPOTS)
+def test_slopes_in_many_numbers_of_a_dashpot(route, end, bound, lasting):
     """ε = exp(-ξ/w · φ), w = √(1 - ξ²), φ = π where the overlap vanishes or atan2(2ξw, 2ξ² - 1) where the force does.
 
-    With the duration φ/(ω0 w), and the largest overlap exp(-ξ/w acos ξ) v/ω0.
+    With the duration φ/(ω0 w), which costs twice as much as the rest, and the largest overlap exp(-ξ/w acos ξ) v/ω0.
     """
     parts = np.linspace(0.001, 0.03, 12)  # more than are differentiated forward
 
@@ -238,11 +232,12 @@ def test_slopes_in_many_numbers_of_a_dashpot(route, end, bound):
         w = jnp.sqrt(1 - x * x)
         angle = np.pi if end == "zero-overlap" else jnp.arctan2(2 * x * w, 2 * x * x - 1)
         peaks = VELOCITY * jnp.exp(-x / w * jnp.arccos(x))
-        return jnp.sum(jnp.exp(-x / w * angle) + 2 * angle / w + 3 * peaks)
+        return jnp.sum(jnp.exp(-x / w * angle) + lasting * angle / w + 3 * peaks)
 
     def found(parts):
         hit = sj.restitution(Damped(STEEL, parts, end), VELOCITY, route)
-        return jnp.sum(hit.coefficient + (2 * hit.duration + 3 * hit.peak_overlap) / PACE)
+        lasts = lasting * hit.duration if lasting else 0.0
+        return jnp.sum(hit.coefficient + (lasts + 3 * hit.peak_overlap) / PACE)
 
     slopes = jax.jit(jax.grad(found))(parts)
     assert np.allclose(slopes, jax.jit(jax.grad(known))(parts.sum()), rtol=bound, atol=0)

@@ -5,21 +5,18 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import softjax as sj
+from tests.cases import mostly_long
 from tests.laws import LAWS, PRECISE, WITH_FORCE, expected
 
 HISTORY = ("time", "overlap", "velocity", "force")
 SAMPLES, PEAK = np.int64(2001), 1000  # unloading begins at the middle sample
-QUICK = ("zhou", "viscoelastic")
 # v/v_cr of Zhou's law beside the plain ones: at rest, slow, just yielding, without a turning point
 RATIOS = np.array([0.0, 1e-6, 1.0 + 1e-9, 3e3])
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.long) for n in WITH_FORCE]
-)
+@mostly_long("name", WITH_FORCE, ("zhou", "viscoelastic"))
 def test_motion_along_it_and_its_ends(name):
     """M Δv = -∫ P dt, Δδ = ∫ v dt, ∮ P dδ = what is lost, P the law's; δ_max, δ*, -ε_p v and T at the ends."""
     case, exact = LAWS[name], expected(name)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import fitted
+from tests.cases import fitted, mostly_long
 from tests.laws import (
     KNOWN,
     LAWS,
@@ -20,13 +20,6 @@ from tests.laws import (
     with_numbers,
 )
 from tests.oracles import closed_forms, laws_mp
-
-BY_TIME_QUICK = ("thornton", "linear dashpot to zero-overlap")
-BY_TIME = [
-    pytest.param(name, marks=() if name in BY_TIME_QUICK else pytest.mark.long)
-    for name in WITH_FORCE
-]
-
 
 # a law's own numbers and velocities beside the plain ones, where its formula changes or a root vanishes
 RATE = 1.5 * (PAIR.stiffness / PAIR.mass) ** 0.4
@@ -80,14 +73,12 @@ def test_by_its_default_route(name):
     assert_solved(case, 2e-12, ranges=RANGES.get(name))
 
 
-@pytest.mark.parametrize("name", BY_TIME)
+@mostly_long("name", WITH_FORCE, ("thornton", "linear dashpot to zero-overlap"))
 def test_by_the_equation_of_motion(name):
     assert_solved(LAWS[name], 1e-10, PRECISE)
 
 
-@pytest.mark.parametrize(
-    "name", ["falling", *(pytest.param(n, marks=pytest.mark.long) for n in closed_forms.WANTED)]
-)
+@mostly_long("name", ["falling", *closed_forms.WANTED])
 def test_the_stored_series_are_what_the_script_gives(name):
     stored = closed_forms.stored()["series"][name]
     found = closed_forms.coefficients(name)
@@ -205,13 +196,7 @@ def test_where_the_force_falls_before_the_bodies_stop():
     assert np.allclose(hit.peak_force, along, rtol=1e-9, atol=0)
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        sj.HertzDashpot(PAIR, 0.6),
-        pytest.param(sj.ViscoelasticHertz(PAIR, 2e-6), marks=pytest.mark.long),
-    ],
-)
+@mostly_long("law", [sj.HertzDashpot(PAIR, 0.6), sj.ViscoelasticHertz(PAIR, 2e-6)])
 def test_the_largest_force_of_damped_contacts(law):
     """The largest of many along the way; and its derivative."""
     velocity = np.array([0.0, 0.1, 3.0])

@@ -4,6 +4,7 @@ Expected values are formulas, SciPy's quadratures of the same forces, or SciPy's
 """
 
 from functools import lru_cache, partial
+from itertools import product
 
 import diffrax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import column, law_with, of_form, pair
+from tests.cases import column, law_with, mostly_long, of_form, pair
 from tests.laws import LAWS, WITH_FORCE
 from tests.oracles.by_scipy import by_motion
 
@@ -158,10 +159,7 @@ def largest_error(route):
     return float(np.max(np.abs(np.asarray(found) ** 2 - column(records, "eps_p_squared"))))
 
 
-@pytest.mark.parametrize(
-    ("solver", "every"),
-    [("dopri5", 2), ("dopri8", 2), *(pytest.param(s, 1, marks=LONG) for s in ORDERS)],
-)
+@mostly_long("solver, every", product(ORDERS, (1, 2)), [("dopri5", 2), ("dopri8", 2)])
 def test_error_falls_as_the_order_of_the_solver(solver, every):
     """With n equal steps the error goes as n^-order, by regression over n.
 

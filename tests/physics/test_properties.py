@@ -5,12 +5,11 @@ Hypothesis draws the seed of a batch of fixed size.
 
 import jax
 import numpy as np
-import pytest
 from hypothesis import strategies as st
 
 import softjax as sj
 from tests import laws
-from tests.cases import EPS, pair
+from tests.cases import EPS, mostly_long, pair
 from tests.drawn import drawn
 from tests.laws import SYMBOLS, graded
 
@@ -18,10 +17,7 @@ SIZE = 5 * laws.SIZE
 NAMES = ("E", "R", "M", "Y", "v_lim", "chi", "sigma", "psi", "v")
 AREA = {"zhou": np.pi ** (2 / 3), "hertz": 1.0}
 seeds = st.integers(0, 2**32 - 1)
-over_forms = pytest.mark.parametrize(
-    ("form", "area"),
-    [("first-order", "zhou"), pytest.param("full", "hertz", marks=pytest.mark.long)],
-)
+over_forms = mostly_long("form, area", [("first-order", "zhou"), ("full", "hertz")])
 
 
 def sample(seed, area):

@@ -1,6 +1,7 @@
 """Zhou's law against 40 and more digits: 150 drawn collisions a form, up to y_max."""
 
 import json
+from itertools import product
 
 import jax
 import numpy as np
@@ -8,23 +9,15 @@ import pytest
 
 import softjax as sj
 from tests import cases
-from tests.cases import EPS, FORMS, column, fitted, flags_of, law_with, of_form
+from tests.cases import EPS, FORMS, column, fitted, flags_of, law_with, mostly_long, of_form
 from tests.laws import QUANTITIES, in_small_batches
 from tests.oracles import write
 
 BY_TIME = sj.ODE(rtol=1e-11)
-OVER_BOXES = [
-    pytest.param(form, route, id=f"{form}-{route.name}", marks=marks)
-    for form, route, marks in (
-        ("first-order", sj.EnergyBalance(), ()),
-        ("full", sj.EnergyBalance(), ()),
-        ("first-order", BY_TIME, ()),
-        ("full", BY_TIME, pytest.mark.long),
-    )
-]
+BOXES = list(product(FORMS, (sj.EnergyBalance(), BY_TIME)))
 
 
-@pytest.mark.parametrize(("form", "route"), OVER_BOXES)
+@mostly_long("form, route", BOXES, BOXES[:3])
 def test_over_the_boxes(form, route):
     """E/Y 20…1000, X 0.3…3000, y 0…300: ε_p² to 1e-12 and the rounding of the inputs, and all else."""
     records = of_form("boxes", form)
@@ -100,14 +93,7 @@ def test_up_to_the_last_turning_point(kind):
     assert turns.sum() > 120
 
 
-@pytest.mark.parametrize(
-    ("form", "dtype"),
-    [
-        pytest.param(f, t, marks=[] if (f, t) == (FORMS[0], np.float64) else pytest.mark.long)
-        for f in FORMS
-        for t in (np.float64, np.float32)
-    ],
-)
+@mostly_long("form, dtype", product(FORMS, (np.float64, np.float32)))
 def test_critical_velocity_is_elastic_and_the_next_number_is_not(form, dtype):
     """Whether the law's numbers are arguments of the compiled function or constants in it."""
     ratio, radius = np.meshgrid(np.geomspace(2, 1e6, 9), np.geomspace(1e-9, 1e3, 9))
@@ -119,8 +105,9 @@ def test_critical_velocity_is_elastic_and_the_next_number_is_not(form, dtype):
     at = contact.critical_velocity
     assert at.dtype == dtype
     around = np.stack([np.nextafter(at, dtype(0)), at, np.nextafter(at, dtype(1e9))])
-    for compute in (lambda v: sj.restitution(law, v), jax.jit(lambda v: sj.restitution(law, v))):
-        elastic = np.asarray(compute(around).status) & int(sj.Status.ELASTIC) > 0
+    status = lambda v: sj.restitution(law, v).status  # noqa: E731
+    for compute in (status, jax.jit(status)):
+        elastic = np.asarray(compute(around)) & int(sj.Status.ELASTIC) > 0
         assert np.array_equal(np.all(elastic, axis=(1, 2)), [True, True, False])
         assert not np.any(elastic[2])
 
@@ -165,11 +152,7 @@ def test_signed_restitution():
     assert np.allclose(slope[lost], (-2 * ratio * up)[lost], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "route",
-    [None, pytest.param(sj.ODE(rtol=1e-10), marks=pytest.mark.long)],
-    ids=["energy", "ode"],
-)
+@mostly_long("route", [None, sj.ODE(rtol=1e-10)])
 def test_impacts_stay_on_the_branch_that_is_given(route):
     law = fitted("chrome steel")
     critical = float(law.elastic_velocity())
