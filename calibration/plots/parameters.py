@@ -204,7 +204,11 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         place, error = (material.yield_ratio, material.chi), reach * (material.chi_error or 0.0)
         ax.errorbar(*place, error, fmt="o", color=style.BLUE, capsize=3, label=label)
         text, top = style.plain(style.shortened(material.name)), max(top, material.chi + error)
-        ax.annotate(text, place, (6, -6), textcoords="offset points", va="top", zorder=3)
+        # beyond its interval, on the side that is away from the line
+        side = 1 if material.chi >= line.c1.value + line.c2.value * material.yield_ratio else -1
+        end, va = max(material.chi + side * error, 0.0), "bottom" if side > 0 else "top"
+        offset: Any = {"textcoords": "offset points", "ha": "center", "va": va, "zorder": 3}
+        ax.annotate(text, (material.yield_ratio, end), (0, 6 * side), **offset)
     if contact is not None:
         new, chi = float(np.asarray(contact.yield_ratio)), line.unloading_factor(contact)
         ends, top = [*ends, new], max(top, chi.value)
@@ -213,7 +217,7 @@ def unloading_line_figure(line: Any, contact: Any = None, name: str = "") -> Fig
         ax.errorbar(new, chi.value, up, fmt="D", color=style.VERMILION, capsize=3, label=label)
     _plot_line(ax, line, np.linspace(min(ends) / BEYOND, max(ends) * BEYOND, 200), 1.3 * top)
     across, up = "effective modulus over yield strength, $E/Y$", r"unloading factor $\tilde\chi$"
-    ax.set(xlabel=across, ylabel=up, ylim=(-0.05 * top, 1.3 * top))
+    ax.set(xlabel=across, ylabel=up, ylim=(-0.1 * top, 1.3 * top))
     style.legend_below(figure, [ax], first=("Eq. (18)", "extrapolated"))
     return figure
 

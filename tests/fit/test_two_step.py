@@ -14,6 +14,7 @@ import calibration as cal
 import softjax as sj
 from calibration import cli
 from tests import fit_oracle
+from tests.command import run
 from tests.fit_data import TRUTH, eq_17_data, pair
 from tests.fit_oracle import own_model
 from tests.shown.capture import as_recorded, band, bars, drawn, line
@@ -415,6 +416,20 @@ def line_is_drawn(figure, result):
     at, low, high = band(ax, "95 %, of a further material\n(wider than the picture)")
     np.testing.assert_allclose([np.interp(x, at, low), np.interp(x, at, high)], ends, rtol=1e-2)
     assert [one[0].get_marker() for one in ax.containers] == ["o"] * len(fitted) + ["D"]
+
+
+def test_names_of_materials_lie_over_no_material(result, tmp_path):
+    """Nylon and chrome steel are neighbours on the line."""
+    result.save(tmp_path / "fit.json")
+    (tmp_path / "next.toml").write_text(TOML, encoding="utf-8")
+    words = ["--line", tmp_path / "fit.json", "--eps-up", 0.98, "--psi", 0.5, "--points", 5]
+    with drawn() as figures:
+        assert run("curve", tmp_path / "next.toml", *words, "--out", tmp_path)[0] == 0
+    (ax,) = figures["line.png"].axes
+    places = ax.transData.transform([np.ravel(one[0].get_data()) for one in ax.containers])
+    boxes = {text.get_text(): text.get_window_extent() for text in ax.texts}
+    assert set(boxes) == {"stainless steel", "chrome steel", "nylon"}
+    assert not any(box.contains(*place) for box in boxes.values() for place in places)
 
 
 def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, capsys):
