@@ -83,7 +83,7 @@ class Sheet(Mapping[str, Any]):
                 accepted = "the first line names the columns, as in `velocity [m/s],restitution`"
                 raise InputError(path, line, "no header, only numbers", accepted)
             rows, header = [(line, header), *rows], [one_column]
-        self.rows = [(k, self._full(k, cells, len(header))) for k, cells in rows]
+        self.rows = [(k, self._full(k, cells, len(header), line)) for k, cells in rows]
         numbers = [k for k, text in enumerate(header) if _name(text) not in (None, *LABELS)]
         self.headers = self._with_units(header, numbers) if self.rows else header
         if not self.rows:
@@ -153,11 +153,12 @@ class Sheet(Mapping[str, Any]):
             if not str(cells[0]).lstrip().startswith("#"):
                 yield line, [str(cell) for cell in cells]
 
-    def _full(self, line: int, cells: list[str], width: int) -> list[str]:
-        """A row of as many cells as there are columns."""
+    def _full(self, line: int, cells: list[str], width: int, above: int) -> list[str]:
+        """A row of as many cells as there are columns in the header, in line `above`."""
         if len(cells) < width or any(cells[width:]):
-            accepted = f"{width} are needed, one for each column of the header"
-            raise InputError(self.path, line, f"{len(cells)} cells", accepted)
+            problem = f"cells: {len(cells)}; columns of the header in line {above}: {width}"
+            accepted = "as many are needed; a title above the header begins with #"
+            raise InputError(self.path, line, problem, accepted)
         return cells[:width]
 
     def _with_units(self, header: list[str], numbers: list[int]) -> list[str]:
