@@ -19,8 +19,8 @@ import numpy as np
 from calibration.options import DOF, FitOptions
 
 LN_2PI = math.log(2 * math.pi)
-# numbers that can be estimated: lowest, highest, start; median and spread of the logarithm of a prior
-NUMBERS = {"dof": (*DOF[:2], 4.0, 8.0, 0.8)}
+# numbers that can be estimated: lowest, highest, start; of a prior the median, and the spread of the logit
+NUMBERS = {"dof": (*DOF[:2], 4.0, 8.0, 1.5)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -229,6 +229,28 @@ def test_another_sampler_samples_the_problem_as_the_reference_shows(sampler):
         assert np.std(found[name]) == pytest.approx(deviation, rel=0.3)
 
 
+def test_degrees_of_freedom_are_drawn_where_a_fit_estimates_them():
+    """Errors with tails of one degree of freedom: ν stays between 2 and 30; its prior is of its logit."""
+    errors = 0.005 * np.random.default_rng(0).standard_t(1, len(V))
+    data = cal.RestitutionData(V, 0.92 * np.exp(-0.09 * V) + errors)
+    options = {"noise": "student-t", "noise_dof": "estimate"}
+    fit = cal.fit(data, Decay, profiles=False, starts=1, **options)
+    assert fit.materials[0].noise_dof == pytest.approx(2.0)
+    draws = fit.posterior(draws=60, chains=1, seed=3, warmup=100)
+    dof, noise = (values_of(draws, name) for name in ("dof", "noise"))
+    assert 2.0 < np.min(dof) < 2.3
+    assert np.max(dof) < 30
+    level, rate = (values_of(draws, name) for name in ("level", "rate"))
+    z = np.log((dof - 2) / (30 - dof))
+    expected = stats.norm.logpdf(z, np.log(6 / 22), 1.5)
+    expected += stats.halfnorm.logpdf(noise, 0, 0.1) + np.log(noise)
+    for name, value in (("level", level), ("rate", rate)):
+        (start,) = re.findall(r"median (\S+),", draws["posterior"][name].attrs["prior"])
+        expected += stats.norm.logpdf(np.log(value), np.log(float(start)), 2.0)
+    found = np.ravel(draws["sample_stats"]["log_prior"])
+    np.testing.assert_allclose(found - found[0], expected - expected[0], atol=1e-3)
+
+
 @pytest.mark.long
 def test_the_ridge_of_drops_far_above_yield_is_sampled():
     """χ̃ and ε_up only together."""
