@@ -204,6 +204,7 @@ RESTARTS = [
     (np.repeat(ASCENDING, 3), False),  # repeats one after the other
     (np.random.default_rng(2).permutation(np.repeat(ASCENDING, 3)), False),
     (np.tile([1.0, 2.0], 6), False),  # two heights in turns
+    (np.concatenate([ASCENDING, [1.0, 4.0], ASCENDING]), False),  # and once among longer runs
     (ASCENDING, False),  # too few to tell
     (np.concatenate([ASCENDING, ASCENDING[:3]]), False),  # seven are too few
     (np.array([1.0, 1.3, 1.6, 2.1, 1.9, 2.4, 3.0, 4.0]), False),  # one series, velocities to 10 %
