@@ -7,6 +7,8 @@ import softjax as sj
 from tests import fit_oracle
 from tests.cases import pair
 
+ALUMINIUM = sj.Material(70e9, 0.33, 2700.0, 250e6)
+ON_STEEL = sj.Contact.with_wall(ALUMINIUM, sj.STAINLESS_STEEL, 0.01)
 TRUTH = {
     "stainless steel": (sj.STAINLESS_STEEL, 1.7944, 3.0432, 0.5400, 250.0),
     "chrome steel": (sj.CHROME_STEEL, 0.09867, 0.1418, 0.3114, 25.0),

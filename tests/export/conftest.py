@@ -3,15 +3,8 @@
 import pytest
 
 import calibration as cal
+from tests.commands.conftest import without_drawing  # noqa: F401
 from tests.export.laws import RANGE, STEEL, compiled
-from tests.shown.capture import drawn
-
-
-@pytest.fixture(scope="module", autouse=True)
-def without_drawing():
-    """To draw the picture takes most of an export's time."""
-    with drawn():
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ import calibration as cal
 import softjax as sj
 from tests import fit_oracle
 from tests.coverage.test_coverage import CASES
-from tests.fit_data import pair, twin
+from tests.fit_data import ON_STEEL, pair, twin
 from tests.fit_oracle import own_model
 from tests.golden import simulated
 from tests.shown.capture import as_recorded
@@ -74,17 +74,15 @@ def test_the_lower_of_two_minima_is_found():
 
 def test_losses_that_go_to_nothing_end_at_their_bound_and_free_chi():
     """ε_up at 1 stays a parameter: profiles of χ̃ lower it again, or they cover the truth in 3 of 4 sets."""
-    ball = sj.Material(youngs_modulus=70e9, poisson_ratio=0.33, density=2700, yield_strength=250e6)
-    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
     height = np.array([0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6]).repeat(3)
-    law = sj.Zhou(contact, chi=1.5, sigma=0.8, psi=0.5)
+    law = sj.Zhou(ON_STEEL, chi=1.5, sigma=0.8, psi=0.5)
     exact = np.asarray(sj.restitution(law, np.sqrt(2 * 9.80665 * height)).coefficient)
     random = np.random.default_rng(1004)
     dropped = height + 0.001 * random.standard_normal(24)
     rebound = height * (exact + 0.004 * random.standard_normal(24)) ** 2
     table = {"drop_height": dropped, "rebound_height": rebound + 0.001 * random.standard_normal(24)}
     stated = {"height_uncertainty": 0.001, "air": False}
-    data = cal.RestitutionData.from_table(table, contact=contact, **stated)
+    data = cal.RestitutionData.from_table(table, contact=ON_STEEL, **stated)
     fit = cal.fit(data, extra_scatter=True).materials[0]
     assert fit.parameters["eps_up"].at_bound
     assert fit.values["eps_up"] == 1
@@ -98,9 +96,7 @@ def test_parameters_at_their_bounds_follow_no_point():
     """ε that rises: χ̃ and ψ end at 0, where σ alone acts, as a mean does on its residuals."""
     velocity = np.geomspace(0.05, 5, 25)  # the slowest alone is below first yield
     rising = np.linspace(0.87, 0.99, 25)
-    ball = sj.Material(youngs_modulus=70e9, poisson_ratio=0.33, density=2700, yield_strength=250e6)
-    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
-    data = cal.RestitutionData(velocity, rising, contact, uncertainty=0.01)
+    data = cal.RestitutionData(velocity, rising, ON_STEEL, uncertainty=0.01)
     fit = cal.fit(data, profiles=False).materials[0]
     assert (fit.values["chi"], fit.values["psi"]) == (0, 0)
     off = (np.asarray(sj.restitution(fit.law, velocity).coefficient) - rising) / 0.01
@@ -170,14 +166,12 @@ def test_variances_end_where_the_likelihood_is_largest_though_it_bends_the_other
 
 def test_variances_of_specimens_count_no_direction_that_the_points_cannot_move():
     """At a second minimum σ acts on next to nothing: with its slope the likelihood had no bound below."""
-    ball = sj.Material(youngs_modulus=70e9, poisson_ratio=0.33, density=2700, yield_strength=250e6)
-    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
     velocity, specimen = np.geomspace(0.01, 6, 30), np.arange(30) % 5
-    exact = sj.restitution(sj.Zhou(contact, chi=1.5, sigma=0.8, psi=0.5), velocity).coefficient
+    exact = sj.restitution(sj.Zhou(ON_STEEL, chi=1.5, sigma=0.8, psi=0.5), velocity).coefficient
     random = np.random.default_rng(1005)
     noise, offset = 0.002 * random.standard_normal(30), 0.004 * random.standard_normal(5)
     measured, labels = np.asarray(exact) + noise + offset[specimen], list(map(str, specimen))
-    data = cal.RestitutionData(velocity, measured, contact=contact, group=labels)
+    data = cal.RestitutionData(velocity, measured, contact=ON_STEEL, group=labels)
     result = cal.fit(data, profiles=False)
     assert result.converged
     assert result.materials[0].variances["scatter"] == pytest.approx(0.002**2, rel=0.5)

@@ -11,6 +11,7 @@ from tests import fit_oracle
 from tests.golden import simulated
 from tests.golden.cases import QUICK, contact, plain_fit, rebounds, record_band, record_fit
 from tests.golden.numbers import scenario
+from tests.physics.own_laws import Hardening
 
 AT = np.array([0.005, 0.05, 0.3, 2.0, 20.0])  # m/s
 
@@ -176,20 +177,6 @@ def refits(numbers, folder):
     found = plain_fit().bootstrap(40, seed=5)
     for name, (low, high) in found.intervals.items():
         numbers.error(f"limits of {name}", [low, high], (high - low) / 4)
-
-
-class Hardening(sj.RateIndependentLaw):
-    """Hertz's loading; unloading is the steeper the deeper the impact went."""
-
-    contact: sj.Contact
-    length: float
-
-    def loading_force(self, overlap):
-        return self.contact.stiffness * overlap**1.5
-
-    def unloading_force(self, overlap, peak_overlap):
-        power = 1.5 + peak_overlap / self.length
-        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
 
 
 class Rubbing(sj.RateDependentLaw):

@@ -49,13 +49,10 @@ if SPREAD:
     jax.config.update("jax_disable_most_optimizations", True)  # where arrays are is all that counts
 
 
-def mesh_of(shape):
-    names = ("row", "column")[: len(shape)]
-    return jax.make_mesh(shape, names, axis_types=(AxisType.Auto,) * len(shape))
-
-
 def spread(values, *shape):
-    mesh = mesh_of(shape or (DEVICES,))
+    shape = shape or (DEVICES,)
+    names = ("row", "column")[: len(shape)]
+    mesh = jax.make_mesh(shape, names, axis_types=(AxisType.Auto,) * len(shape))
     return jax.device_put(values, NamedSharding(mesh, PartitionSpec(*mesh.axis_names)))
 
 

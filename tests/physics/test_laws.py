@@ -121,21 +121,6 @@ def test_published_digits():
     assert np.allclose(pade - found, [6e-8, 5e-5, 7e-4, 5e-3], rtol=0.09, atol=0)
 
 
-def test_the_rebound_of_another_program():
-    """LAMMPS 29 Sep 2021 update 2, granular hertz/material, damping tsuji at ε = 0.8: ratio 0.8534.
-
-    Two equal steel spheres, 1000 steps a contact. Its polynomial α lacked a factor √2, as its later
-    documentation says.
-    """
-    polynomial = (4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728)
-    alpha = np.polyval(polynomial, 0.8) * np.array([1, np.sqrt(2)])
-    fraction = alpha / 5**0.5
-    loss = np.pi * fraction / np.sqrt(1 - fraction**2)
-    found = sj.restitution(sj.HertzDashpot(PAIR, np.exp(-loss)), 2.0).coefficient
-    assert np.allclose(found, [0.85338, 0.79891], rtol=0, atol=5e-6)
-    assert found[0] == pytest.approx(0.8534, abs=5e-5)
-
-
 def test_without_damping_and_with_none_left():
     """A = 0 is Hertz's collision; far beyond the series what is left is 0, and still a number."""
     law = sj.ViscoelasticHertz(PAIR, np.array([0.0, 1e-6, 1e290]))

@@ -15,6 +15,7 @@ import softjax as sj
 from tests.cases import column, law_with, mostly_long, of_form, pair
 from tests.laws import LAWS, WITH_FORCE
 from tests.oracles.by_scipy import by_motion
+from tests.physics.own_laws import Hardening
 
 PAIR = pair("stainless steel")
 K, M = float(PAIR.stiffness), float(PAIR.mass)
@@ -35,20 +36,6 @@ class Damped(sj.RateDependentLaw):
     def force(self, overlap, velocity):
         damping = 1 + self.dissipation * velocity + self.friction * jnp.sign(velocity)
         return K * sj.power_3_2(overlap) * damping + self.viscosity * velocity
-
-
-class Hardening(sj.RateIndependentLaw):
-    """Unloads along an ever higher power: ε² = 2.5/(2.5 + δ_max/length)."""
-
-    contact: sj.Contact
-    length: float = 1e-4
-
-    def loading_force(self, overlap):
-        return K * sj.power_3_2(overlap)
-
-    def unloading_force(self, overlap, peak_overlap):
-        power = 1.5 + peak_overlap / self.length
-        return self.loading_force(peak_overlap) * (overlap / peak_overlap) ** power
 
 
 def hardening():

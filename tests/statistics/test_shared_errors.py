@@ -8,6 +8,7 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from tests.data.test_air import flight
+from tests.fit_data import ON_STEEL
 from tests.fit_oracle import hessian
 
 TIMING = 3e-4
@@ -221,15 +222,13 @@ def test_means_of_repeats_carry_their_degrees_of_freedom():
 
 def test_scatter_next_to_another_set_at_its_bound_is_as_if_that_was_given():
     """ε_up of one set ends at 1 and follows no point; the other's scatter has one parameter less to pay for."""
-    ball = sj.Material(youngs_modulus=70e9, poisson_ratio=0.33, density=2700, yield_strength=250e6)
-    contact = sj.Contact.with_wall(ball, sj.STAINLESS_STEEL, 0.01)
     velocity, random = np.geomspace(1.0, 6.0, 15), np.random.default_rng(2)
-    law = sj.Zhou(contact, chi=1.5, sigma=0.01, psi=0.5)
+    law = sj.Zhou(ON_STEEL, chi=1.5, sigma=0.01, psi=0.5)
     exact = np.asarray(sj.restitution(law, velocity).coefficient)
     sets = []
     for name in "ab":
         measured = exact + 0.004 * random.standard_normal(15)
-        sets.append(cal.RestitutionData(velocity, measured, contact=contact, name=name))
+        sets.append(cal.RestitutionData(velocity, measured, contact=ON_STEEL, name=name))
     both = {"chi": cal.Parameter(shared=True)}
     free = cal.fit(sets, parameters=both, profiles=False)
     assert [fit.parameters["eps_up"].at_bound for fit in free.materials] == [True, False]
