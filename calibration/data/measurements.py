@@ -393,6 +393,8 @@ class RestitutionData:
         elif len(self.errors) != len(self):
             accepted = f"of as many points as `velocity`, {len(self)}"
             raise DataError("errors", f"of {len(self.errors)}", accepted)
+        elif self.group is not None:
+            self._check_launches()
         stated = {"uncertainty": of_eps, "velocity_uncertainty": of_v}
         for name, size in stated.items():
             value = getattr(self.errors, name)
@@ -401,6 +403,20 @@ class RestitutionData:
             self._set(**{name: value})
         if self.degrees is not None:
             self._set(degrees=self._per_impact("degrees", self.degrees))
+
+    def _check_launches(self) -> None:
+        """Points that share an input error, as those of a launch do, are of one group."""
+        assert self.errors is not None
+        index, codes = self.errors.index, np.asarray(self.group_index)
+        ends = np.full((2, int(np.max(index, initial=0)) + 1), [[len(codes)], [-1]])
+        every = np.broadcast_to(codes[:, None], index.shape)[index >= 0]
+        np.minimum.at(ends[0], index[index >= 0], every)
+        np.maximum.at(ends[1], index[index >= 0], every)
+        for k in np.flatnonzero(ends[0] < ends[1])[:1]:
+            both = " and ".join(repr(self.groups[code]) for code in ends[:, k])
+            raise DataError(
+                "group", f"{both} of points that share an error", "one for all of these"
+            )
 
     def _take_in_contact(self) -> None:
         """One limit velocity, in the contact and in the data."""

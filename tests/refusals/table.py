@@ -18,6 +18,14 @@ import numpy as np
 import calibration as cal
 import softjax as sj
 
+# two ε of three flights: the second is in both
+LAUNCH = cal.PointErrors(
+    np.array([[0, 1, -1], [1, 2, -1]]),
+    np.array([[-4.0, 4.0, 0.0], [-4.0, 4.0, 0.0]]),
+    np.array([[5.0, 0.0, 0.0], [5.0, 0.0, 0.0]]),
+    np.full(3, 1e-3),
+    "intervals",
+)
 TOML = """\
 [[material]]
 name = "my alloy"
@@ -276,6 +284,7 @@ ARGUMENTS = {
     "no degrees": ("degrees", "0|positive", {"degrees": 0}),
     "errors of three": ("errors", "3|as many points as `velocity`, 2", {"errors": cal.PointErrors.alone(3)}),
     "uncertainty beside other errors": ("uncertainty", "errors", {"uncertainty": 0.1, "errors": cal.PointErrors.alone(2, np.array([0.2, 0.2]))}),
+    "a launch in two groups": ("group", "'a' and 'b'|share an error", {"group": ["a", "b"], "errors": LAUNCH}),
     "a material for a contact": ("contact", "softjax.Contact", {"contact": sj.NYLON}),
 }  # fmt: skip
 
