@@ -215,6 +215,14 @@ def test_every_observable_and_its_slope_are_in_closed_form():
 SPEEDS = np.geomspace(0.1, 2.0, 24)
 
 
+def test_powers_of_velocity_are_hertz_s():
+    """δ ∝ v^{4/5}: the drag of air, which slows an impact, moves them so."""
+    fifths = {name: round(5 * of.power, 12) for name, of in OBSERVABLES.items()}
+    dents = {"dent_diameter": 2, "residual_dent_diameter": 2}
+    expected = {"restitution": 0, "contact_time": -1, "peak_force": 6, "peak_overlap": 4}
+    assert fifths == expected | dents
+
+
 def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     """E stays as stated: off by 10 % it is warned of; and the pictures draw a curve for each size."""
     random = np.random.default_rng(1)
