@@ -29,12 +29,13 @@ def measured(seed=2, tails=False, **options):
     return cal.RestitutionData(V, e, **options)
 
 
-def bounces(size, by_time=0.0):
-    """A train: each interval is in two points, and in their velocities; stated or unknown."""
+def bounces(size, by_time=0.0, timed=TIMED, **options):
+    """Trains: each interval is in two points, and in their velocities; stated or unknown."""
     alone = None if size is None else STATED
-    uncertainty = None if size is None else np.full(N + 1, size)
+    uncertainty = None if size is None else np.full(np.max(timed) + 1, size)
     to_v = by_time * (np.arange(3) == 1) * np.ones((N, 1))
-    return measured(errors=cal.PointErrors(TIMED, TO_EPS, to_v, uncertainty, "times", alone))
+    errors = cal.PointErrors(timed, TO_EPS, to_v, uncertainty, "times", alone)
+    return measured(errors=errors, **options)
 
 
 BY_TIME = 2.0  # δv of a time [m/s²]
@@ -42,6 +43,9 @@ DAY = [f"day {k}" for k in DAYS]
 MOVED = {"velocity_uncertainty": 0.06 * V}
 U = {"uncertainty": STATED}
 T = {"noise": "student-t"}
+EXTRA, SCALE, DOF = {"extra_scatter": True}, {"scale_uncertainty": True}, {"noise_dof": "estimate"}
+# a train a day
+DAILY = np.stack([np.arange(N) + DAYS, np.arange(N) + DAYS + 1, np.full(N, -1)], axis=1)
 CASES = {
     "stated": (measured(**U), {}),
     "unknown": (measured(), {}),
@@ -64,6 +68,24 @@ CASES = {
     "student-t, scale": (measured(tails=True, **U), T | {"scale_uncertainty": True}),
     "student-t, velocities": (measured(tails=True, **U, **MOVED), T),
     "student-t, dof": (measured(tails=True), T | {"noise_dof": "estimate"}),
+    # what else may go together
+    "velocities, extra": (measured(**U, **MOVED), EXTRA),
+    "groups, scale": (measured(group=DAY, **U), SCALE),
+    "groups, velocities, unknown": (measured(group=DAY, **MOVED), {}),
+    "groups, velocities, extra": (measured(group=DAY, **U, **MOVED), EXTRA),
+    "groups, velocities, scale": (measured(group=DAY, **U, **MOVED), SCALE),
+    "bounces, scale": (bounces(0.004), SCALE),
+    "bounces, times unknown, extra": (bounces(None), EXTRA),
+    "bounces, groups": (bounces(0.004, timed=DAILY, group=DAY), {}),
+    "bounces, groups, extra": (bounces(0.004, timed=DAILY, group=DAY), EXTRA),
+    "bounces, groups, scale": (bounces(0.004, BY_TIME, DAILY, group=DAY), SCALE),
+    "bounces, times unknown, groups": (bounces(None, timed=DAILY, group=DAY), EXTRA),
+    "student-t, velocities, unknown": (measured(tails=True, **MOVED), T),
+    "student-t, velocities, extra, dof": (measured(tails=True, **U, **MOVED), T | EXTRA | DOF),
+    "student-t, velocities, scale, dof": (measured(tails=True, **U, **MOVED), T | SCALE | DOF),
+    "student-t, stated, dof": (measured(tails=True, **U), T | DOF),
+    "student-t, extra, dof": (measured(tails=True, **U), T | EXTRA | DOF),
+    "student-t, scale, dof": (measured(tails=True, **U), T | SCALE | DOF),
 }
 
 
@@ -93,15 +115,16 @@ def dense(case, theta):
             variance = variance - (u * slope) ** 2
         else:
             mean = mean + slope * nearer_the_middle(u)
-    if case != "bounces, times unknown" and data.uncertainty is not None:
+    if "times unknown" not in case and data.uncertainty is not None:
         variance = variance + STATED**2
     covariance = np.diag(variance)
     if "bounces" in case:
         size = theta.get("timing", None if data.errors.size is None else data.errors.size[0])
-        spread = np.zeros((N, N + 1))
+        index = data.errors.index
+        spread = np.zeros((N, np.max(index) + 1))
         for k in range(2):
             to = TO_EPS[:, k] - slope * data.errors.to_velocity[:, k]
-            spread[np.arange(N), TIMED[:, k]] += to * size
+            spread[np.arange(N), index[:, k]] += to * size
         covariance = covariance + spread @ spread.T
     covariance = covariance * theta.get("scale", 1.0) ** 2 + np.eye(N) * theta.get("noise", 0) ** 2
     return mean, covariance + theta.get("group", 0.0) ** 2 * (DAYS[:, None] == DAYS)
