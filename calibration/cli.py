@@ -73,7 +73,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     stops: list[console.Stopped] = []
     try:
         with console.signals_handled() as stops:
-            return _run(sys.argv[1:] if argv is None else list(argv))
+            code = _run(sys.argv[1:] if argv is None else list(argv))
+        if stops:  # swallowed at the very end
+            raise stops[0]
+        return code
     except BrokenPipeError:  # `softjax fit | head`
         console.silence(sys.stdout)
         return DONE

@@ -11,10 +11,13 @@ import threading
 import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from types import FrameType
 from typing import Any, TextIO
 
 PLAIN = {"±": "+-", "–": "-", "−": "-", "─": "-"}  # where no decomposition in Unicode helps
 WIDTH = 100  # of running text, on wider terminals too
+PATIENCE = 1.0  # seconds until a signal is raised again that nothing has heard
+MOST = 5  # times that it waits for the end of an import
 SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 
 
@@ -170,34 +173,41 @@ class Stopped(KeyboardInterrupt):
 def signals_handled() -> Iterator[list[Stopped]]:
     """Handle SIGTERM and SIGHUP like Ctrl-C: raise `Stopped`; what is ignored stays so (nohup).
 
-    Yields those that were raised: what is imported meanwhile may make another error of one.
+    Yields those that came. Garbage collection and C code swallow what is raised in them, so it is raised
+    again until this block has ended; and not while modules are imported, of which extensions crash by it.
     """
     came: list[Stopped] = []
+    ended, hook = threading.Event(), sys.unraisablehook
 
-    def stop(number: int, frame: object) -> None:
-        came.append(Stopped(number))
-        raise came[-1]
-
-    def lost(unraisable: Any) -> None:
-        """Raise again, until it is heard, what a callback of the garbage collector swallowed."""
-        if isinstance(unraisable.exc_value, Stopped):
-            number = unraisable.exc_value.number
+    def stop(number: int, frame: FrameType | None) -> None:
+        if not came:
             threading.Thread(target=insist, args=(number,), daemon=True).start()
-        else:
-            hook(unraisable)
+        came.append(Stopped(number))
+        if len(came) > MOST or not _is_import(frame):
+            raise came[-1]
 
     def insist(number: int) -> None:
-        while not ended.wait(0.1):  # it may come while this hook still runs, which swallows it too
+        while not ended.wait(PATIENCE):
             signal.raise_signal(number)
 
-    hook, sys.unraisablehook = sys.unraisablehook, lost
-    ended = threading.Event()
+    def lost(unraisable: Any) -> None:
+        if not isinstance(unraisable.exc_value, Stopped):
+            hook(unraisable)
+
+    sys.unraisablehook = lost
     try:
         with _handlers(stop):
             yield came
     finally:
         ended.set()
         sys.unraisablehook = hook
+
+
+def _is_import(frame: FrameType | None) -> bool:
+    """Whether a module is being imported."""
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
 
 
 @contextmanager

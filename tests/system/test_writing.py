@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import importlib
 import io
 import json
 import os
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -289,6 +291,35 @@ def while_importing(number):
 def test_a_signal_of_which_an_import_made_another_error_stops_a_command(signalled):
     line = "softjax: interrupted, nothing written\n"
     assert signalled(signal.SIGTERM, unheard, while_importing) == (143, "", line)
+
+
+def test_a_signal_waits_for_the_end_of_an_import(signalled, tmp_path, monkeypatch):
+    """What an extension calls while it begins may crash it: the process ended by a segmentation fault."""
+    (tmp_path / "begins.py").write_text("import signal\nsignal.raise_signal(15)\nis_whole = True\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def send(number):
+        assert importlib.import_module("begins").is_whole
+        time.sleep(5)
+
+    line = "softjax: interrupted, nothing written\n"
+    assert signalled(signal.SIGTERM, unheard, send) == (143, "", line)
+
+
+def while_swallowing(number, then=5):
+    """C code that looks an attribute up clears whatever is raised meanwhile."""
+    try:
+        signal.raise_signal(number)
+    except KeyboardInterrupt:
+        time.sleep(then)
+
+
+def test_a_signal_that_was_swallowed_is_raised_again(signalled, at):
+    line = "softjax: interrupted, nothing written\n"
+    assert signalled(signal.SIGINT, unheard, while_swallowing) == (130, "", line)
+    code, out, error = signalled(signal.SIGTERM, unheard, partial(while_swallowing, then=0))
+    line = "softjax: interrupted after its results were written to results\n"
+    assert (code, out, error) == (143, "", line)
 
 
 def test_an_ignored_hangup_stays_ignored(signalled, at):
