@@ -48,6 +48,11 @@ def fitted(name: str, form: str = "first-order", **changed) -> sj.Zhou:
     return sj.Zhou(pair(name), **(FITTED[name] | changed), form=form)
 
 
+def curve(law, velocity) -> np.ndarray:
+    """ε of a law."""
+    return np.asarray(sj.restitution(law, velocity).coefficient)
+
+
 def law_with(d, X, form: str = "first-order", sigma=0.0, psi=1.0) -> sj.Zhou:
     """A law in SI units that reduces to the given d and X, every number of it as they are."""
     ratio = math.pi ** (4 / 3) * np.sqrt(3 / 8 / np.asarray(d))  # d = (3/8) π^{8/3} (Y/E)²

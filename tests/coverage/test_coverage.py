@@ -17,6 +17,7 @@ from scipy import stats
 import calibration as cal
 import softjax as sj
 from calibration.observables import predicted
+from tests.cases import curve
 from tests.decay import Decay
 from tests.fit.test_hard_fits import yielding_apart
 from tests.fit_data import TRUTH, pair, y_values
@@ -28,10 +29,6 @@ SENSED = np.geomspace(1.5, 60, 24) * CRITICAL
 GRAVITY = 9.80665
 QUICK = {"profiles": False, "starts": 1}
 PROFILED = {"starts": 1}
-
-
-def curve(law, velocity):
-    return np.asarray(sj.restitution(law, velocity).coefficient)
 
 
 def up_of(law):

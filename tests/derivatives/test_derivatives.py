@@ -272,21 +272,6 @@ def test_in_properties_of_a_material(form, modes, parts):
     assert np.all(choices["R"] == RADIUS)
 
 
-def test_second_derivatives_by_the_equation_of_motion():
-    """Of a spring that unloads the more steeply the deeper: ε = √(k1/(k2 + s v √(k1 M)))."""
-    law, v = LAWS["walton-braun"].law, 1.0
-
-    def coefficient(v):
-        return sj.restitution(law, v, sj.ODE(steps=4, solver="dopri5")).coefficient
-
-    found = jax.jit(forward(forward(coefficient)))(v)
-    steep = law.growth * np.sqrt(law.loading_stiffness * law.contact.mass)
-    exact = (
-        0.75 * law.loading_stiffness**0.5 * steep**2 / (law.unloading_stiffness + steep * v) ** 2.5
-    )
-    assert found == pytest.approx(exact, rel=1e-2)
-
-
 # the table of hard impacts
 
 KINDS = {"float64": np.float64, "float32": np.float32}

@@ -9,7 +9,7 @@ from scipy.integrate import simpson
 
 import calibration as cal
 import softjax as sj
-from tests.cases import RADIUS
+from tests.cases import RADIUS, curve
 from tests.export.laws import DAMPED, INDEPENDENT, MASS, PAIR, RANGE, STEEL, compiled
 from tests.golden.errors import Rubbing
 from tests.shown.capture import as_recorded, drawn
@@ -27,10 +27,6 @@ def test_the_errors_of_all_laws_are_those_that_were_found_elsewhere(exported):
         assert errors[key] == pytest.approx(error, rel=0.06)
     assert errors["exact"] == 0
     assert "; ".join(f"{key} {error:.2g}" for key, error in errors.items()) in str(export)
-
-
-def curve(law, velocity):
-    return np.asarray(sj.restitution(law, velocity).coefficient)
 
 
 def test_viscoelastic_spheres_are_the_best_of_their_kind(exported):

@@ -10,7 +10,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from tests.cases import RADIUS
+from tests.cases import RADIUS, curve
 from tests.export.lammps import (
     MOVES,
     box,
@@ -42,10 +42,6 @@ def plugin(tmp_path_factory):
     return folder, made
 
 
-def restitution(law, velocity) -> np.ndarray:
-    return np.asarray(sj.restitution(law, np.asarray(velocity, float)).coefficient)
-
-
 def measured(folder, velocities, wall=None) -> np.ndarray:
     """ε of impacts with in.softjax as it was written, onto a wall that a line states."""
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
@@ -67,9 +63,9 @@ def test_the_plugin_gives_the_restitution_of_the_law(plugin):
     lines += [onto_a_wall(v, with_steps(law, v, 100) + wall, 150) for v in VELOCITIES]
     lines += [impact(1.0, with_steps(STEEL, 1.0, 2000), 3000)]
     *found, fine = rebounds(lines, folder)
-    expected = [*restitution(STEEL, VELOCITIES), *restitution(law, VELOCITIES)]
+    expected = [*curve(STEEL, VELOCITIES), *curve(law, VELOCITIES)]
     assert np.max(np.abs(np.array(found) - expected)) < 2e-4
-    assert fine == pytest.approx(restitution(STEEL, 1.0), abs=3e-7)
+    assert fine == pytest.approx(curve(STEEL, 1.0), abs=3e-7)
     found = measured(folder, made.target.velocity[::16])
     assert np.max(np.abs(found - made.target.restitution[::16])) <= made.choice.total
 
@@ -88,7 +84,7 @@ def test_two_pairs_of_materials_have_their_own_laws(plugin):
     scripts = [lines, list(lines), onto_a_wall(1.0, wall, 400)]
     scripts[1][second] = lines[second].replace("create_atoms 1", "create_atoms 2")
     heavy = dataclasses.replace(PLATE, contact=WALL)
-    expected = [restitution(law, 1.0) for law in (STEEL, PLATE, heavy)]
+    expected = [curve(law, 1.0) for law in (STEEL, PLATE, heavy)]
     np.testing.assert_allclose(rebounds(scripts, folder), expected, atol=3e-4)
 
 
@@ -250,6 +246,6 @@ def test_a_table_is_of_one_pair_of_sizes(tmp_path):
     build(tmp_path)
     settings = [*LOAD, "timestep 1e-6"]
     (found,) = lammps(impact(1.0, settings, 300), tmp_path)
-    assert found[0] == pytest.approx(restitution(law, 1.0), abs=1e-3)
+    assert found[0] == pytest.approx(curve(law, 1.0), abs=1e-3)
     larger = impact(1.0, [*settings, "set group all diameter 0.026"], 300)
     assert "a table for one pair of sizes" in output_of(larger, tmp_path)[1]

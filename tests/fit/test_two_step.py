@@ -37,7 +37,7 @@ def result():
 @pytest.mark.parametrize("name", CHI)
 def test_values_are_those_of_table_1_and_of_independent_least_squares(result, name):
     fit = result.material(name)
-    assert fit.n == 40
+    assert (fit.n, fit.data.remarks) == (40, (cal.PAPER_NOTE,))
     assert fit.converged
     assert result.values[f"sigma[{name}]"] == pytest.approx(TRUTH[name][2], abs=5e-5)
     assert result.values[f"psi[{name}]"] == pytest.approx(TRUTH[name][3], abs=5e-5)

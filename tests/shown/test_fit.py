@@ -350,7 +350,9 @@ def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_
 def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
     few = ("--law", "walton-braun", "--max-steps", "1", "--no-profiles")
     made = shown(tmp_path, "fit", write(tmp_path), *few)
-    assert made.code == 1
+    result = cal.FitResult.load(made.folder / "fit.json")
+    assert (made.code, result.converged, result.optimiser_report[0].iterations) == (1, False, 1)
+    assert "not-converged" in {warning.code for warning in result.warnings}
     assert made.err.splitlines()[-1].startswith("softjax fit: did not converge")
     assert made.figures["curves.png"].axes[0].get_title() == "alloy (NOT CONVERGED)"
     report = made.text("report.md")

@@ -252,15 +252,13 @@ def test_degrees_of_freedom_are_drawn_where_a_fit_estimates_them():
 
 
 @pytest.mark.long
-def test_the_ridge_of_drops_far_above_yield_is_sampled():
-    """χ̃ and ε_up only together."""
-    check_converged(cal.fit(drops(np.random.default_rng(0)), profiles=False).posterior(seed=0))
-
-
-@pytest.mark.long
-def test_the_valley_of_sigma_and_psi_is_sampled():
-    """10 points below yield and 20 above, noise 0.01: at most 0.5 % of the draws diverge."""
-    check_converged(cal.fit(twin("stainless steel", noise=0.01), profiles=False).posterior(seed=0))
+@pytest.mark.parametrize("kind", ["drops", "losses"])
+def test_the_ridge_of_drops_and_the_valley_of_losses_are_sampled(kind):
+    """χ̃ and ε_up only together, far above yield; σ and ψ, of 10 points below yield and 20 above."""
+    data = (
+        drops(np.random.default_rng(0)) if kind == "drops" else twin("stainless steel", noise=0.01)
+    )
+    check_converged(cal.fit(data, profiles=False).posterior(seed=0))
 
 
 # what is made of draws that were made here, against NumPy on the same draws
