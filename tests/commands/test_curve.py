@@ -170,7 +170,7 @@ def test_velocities_are_read_from_files_and_standard_input(name, at, monkeypatch
         ("0.5\nfast\n", 2, "'fast'|finite number"),
         ("0.5\n\n-1\n", 3, "-1|0 m/s or more"),
         ("restitution,velocity\n0.5,1\n0.5,\n", 3, "velocity is nan|0 m/s or more"),
-        ("0.5\n1,5\n", 2, "2 cells|1"),
+        ("0.5\n1,5\n", 2, "cells: 2|: 1"),
         ("colour\n1\n", 1, "velocity|header"),
         ("velocity [kg]\n1\n", 1, "[kg]|m/s"),
         ("velocity\n", 1, "no rows"),
