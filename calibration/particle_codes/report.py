@@ -193,7 +193,7 @@ class Export:
         order = ""
         if steps.order is not None:
             order = f"; half of it has {100 * 0.5**steps.order:.0f} % of its error"
-        share = number(100 * self.overlap, 2) if self.overlap < 1 else f"{100 * self.overlap:.0f}"
+        share = f"{float(number(100 * self.overlap, 2)):g}"
         rows = {} if self.target.on_wall is None else {"bodies": SCENES[self.target.on_wall]}
         rows |= {
             "law": f"{choice.label} ({HOW[choice.backend.name]})",

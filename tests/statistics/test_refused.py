@@ -122,7 +122,7 @@ REFUSED = [
     (lambda: information(fitted("nylon", sigma=0.0)), "sigma"),
     (lambda: information(LAW, [1.0, -1.0, 2.0, 3.0]), "velocity"),
     (lambda: information(LAW, [1.0, 1e4, 2.0, 3.0]), "velocity"),
-    (lambda: information(uncertainty=0.0), "uncertainty"),
+    (lambda: information(uncertainty=[0.01, 0.01, 0.01, 0.01, 0.0]), "uncertainty"),
     (lambda: information(material="nylon"), "material"),
     (lambda: information(parameters={"colour": 1.0}), "parameter"),
     (lambda: information(parameters={"psi": 0.7}), "the value of the law, 0.5414"),
