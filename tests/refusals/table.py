@@ -85,6 +85,7 @@ CSV_FILES = {
     "open quotation mark": ("m.csv:3", "quotation mark|close", row('"0.5,0.9,0.1')),
     "a line below a cell over two lines": ("m.csv:4", "velocity|'x'", under("v,e,note", '1,.9,"a', 'b"', "x,.8,c")),
     "a cell without end": ("m.csv:3", "velocity|xxx", row("x" * 70001 + ",1,1")),
+    "81 letters and quotation marks": ("m.csv:3", f"velocity|'{'x' * 76}...", row("x" * 79 + ",1,1")),
     "German headings": ("m.csv:1", "'Geschwindigkeit [m/s]', 'Stoßzahl'|velocity with restitution", under("Geschwindigkeit [m/s];Stoßzahl", "1,5;0,9")),
     "velocities in mm/s without a unit": ("m.csv:3", "velocity|400|no unit|assuming velocity in m/s", under("v,e", "300,.95", "400,.92", "500,.9", "900,.8")),
     "too large a file": ("m.csv", "64 MiB|smaller", "#" * 70_000_000),
