@@ -25,6 +25,7 @@ from tests.shown.capture import (
     labels,
     legend,
     line,
+    looks,
     panels,
 )
 from tests.shown.conftest import MADE, MASS, VELOCITY, reported, shown, write
@@ -66,10 +67,6 @@ def rise(k, value):
 
     near = (best()[0][1 - k] * 0.99, best()[0][1 - k] * 1.01)
     return optimize.minimize_scalar(squares, near, options={"xtol": 1e-12}).fun - best()[2]
-
-
-def axes_of(figure):
-    return [(a.get_title(), a.get_xlabel(), a.get_ylabel(), a.get_xscale()) for a in figure.axes]
 
 
 def test_pictures_tables_and_sentences_are_as_recorded(alloy, main_job):
@@ -254,7 +251,7 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
     with drawn() as figures:
         names = fit.report(tmp_path / "mine")
     assert {*names} == {path.name for path in alloy.folder.iterdir()}
-    assert axes_of(figures["curves.png"]) == axes_of(fit.plot())
+    assert looks(figures["curves.png"]) == looks(fit.plot())
     own = "    softjax fit .*\n\n|, from [^;]*alloy.csv"
     reports = (alloy.text("report.md"), (tmp_path / "mine/report.md").read_text(encoding="utf-8"))
     given, default = (re.sub(own, "", report) for report in reports)

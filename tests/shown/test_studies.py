@@ -50,14 +50,6 @@ def effect(name, v, h=1e-5):
     return (restitution(v, **{name: 1 + h}) - restitution(v, **{name: 1 - h})) / (2 * h)
 
 
-def straight(ax) -> list[float]:
-    """Where lines without a label lie, across or up."""
-    plain = [line.get_xydata() for line in ax.get_lines() if line.get_label().startswith("_")]
-    return [
-        float(xy[0, k]) for xy in plain for k in (0, 1) if len(xy) == 2 and xy[0, k] == xy[1, k]
-    ]
-
-
 def test_sensitivities_over_velocity(studied):
     """Curves, table and CSV by differences; inputs that act on nothing are named; parted at yield."""
     (ax,) = studied.figures["sensitivity.png"].axes
