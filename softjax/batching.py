@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.ad_checkpoint import checkpoint_name
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 
@@ -66,6 +67,7 @@ BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cac
 FORWARD = 2048  # impacts, each with its tangents counting as one more
 GRADIENTS = 512  # impacts, each with a long gradient: fewer take as long a step
 ON_GPU = 2**20  # impacts of any kind: thousands of threads wait for each other after every row
+SOLVED = "solved"  # what a reverse pass keeps of a chunk: to solve again costs more than to fetch
 MANY = 7  # directions: of more, as of a network, derivatives are taken by reverse mode, which costs less
 
 
@@ -275,8 +277,9 @@ def _of_traced(program: _Program, *leaves, shared: Shared, cut: bool):
         jnp.broadcast_to(x, shape).reshape(-1) if m else jnp.reshape(x, ())
         for x, m in zip(leaves, many, strict=True)
     ]
-    # the reverse pass computes a chunk again: faster than to fetch what it would have to store
-    of_chunk = jax.checkpoint(partial(_compiled, program))
+    # the reverse pass computes a chunk again, but for what was solved: faster than to fetch it all
+    kept = jax.checkpoint_policies.save_only_these_names(SOLVED)
+    of_chunk = jax.checkpoint(partial(_compiled, program), policy=kept)
     results = in_chunks(of_chunk, flat, many, -(-math.prod(shape) // TRACED_CHUNK))
     return jax.tree.map(lambda result: result.reshape(shape), results)
 
@@ -426,11 +429,17 @@ def forward_differentiated(
         else:
             with_slopes = partial(value_and_slopes, single, active)
             fewer = max(size // (1 + change.shape[-1]), 1)
-        value, slopes = forward_differentiated(with_slopes, shared, fewer)(*primals)
+        solved = forward_differentiated(with_slopes, shared, fewer)(*primals)
+        value, slopes = jax.tree.map(_named, solved)
         return value, contracted(slopes, change)
 
     wrapped.defjvp(rule, symbolic_zeros=True)
     return wrapped
+
+
+def _named(x):
+    """Marked as solved."""
+    return x if x.dtype == jax.dtypes.float0 else checkpoint_name(x, SOLVED)
 
 
 def _check_not_varying(leaves) -> None:
