@@ -407,9 +407,12 @@ def crossing(force: Callable[[Array], Array], inside: Array, outside: Array) -> 
         to = jnp.where((to - inside) * (to - outside) <= 0, to, x + step)
         least = rounding * jnp.abs(x)
         between = (to - inside) * (to - outside) <= 0
-        arrived = between & ((jnp.abs(to - x) <= least) | (jnp.abs(to - outside) <= least))
+        arrived = between & (jnp.abs(to - x) <= least)
         newton = between & (jnp.abs(step) <= SHRINKS * state.change)
         new = jnp.where(newton | arrived, to, 0.5 * (inside + outside))
+        # the end may have been no zero, where beyond that a force is no number: the last place before it
+        before = outside + 0.5 * jnp.sign(inside - outside) * least
+        new = jnp.where(between & ~arrived & (jnp.abs(to - outside) <= least), before, new)
         change = jnp.where(newton, jnp.abs(step), jnp.abs(outside - inside))
         step = jnp.where(newton & ~evenly, step, 0.0)
         return _Crossing(new, inside, outside, step, change, arrived, state.count + 1)

@@ -131,6 +131,26 @@ def test_bounces_follow_each_other_within_a_launch():
         assert any(remark.startswith("1 launch(es)") for remark in data.remarks)
 
 
+EMBEDDED = {  # Table 1 of Zhou (2013): σ, ψ, and where the panels of Fig. 2 end [v_cr]
+    "stainless steel": (sj.STAINLESS_STEEL, 3.0432, 0.5400, 250),
+    "chrome steel": (sj.CHROME_STEEL, 0.1418, 0.3114, 25),
+    "nylon": (sj.NYLON, 0.4355, 0.5414, 80),
+}
+
+
+def test_the_embedded_data_are_eq_17_over_the_ranges_of_the_paper():
+    found = cal.paper_materials()
+    assert [data.name for data in found] == list(EMBEDDED)
+    for data, (body, sigma, psi, end) in zip(found, EMBEDDED.values(), strict=True):
+        contact = sj.Contact.between_spheres(body, body, 0.0127, 0.0127, area="zhou")
+        assert data.contact == contact
+        assert data.remarks == (cal.PAPER_NOTE,)
+        v = float(contact.critical_velocity) * np.linspace(1, end, 41)[1:]
+        np.testing.assert_allclose(data.velocity, v, rtol=1e-13)
+        y = v / (float(contact.limit_velocity) - v)
+        np.testing.assert_allclose(data.restitution, np.exp(-sigma * y**psi), rtol=1e-13)
+
+
 @pytest.mark.parametrize("count", [1, 5, 30])
 def test_one_gross_error_is_refused_by_its_place(count):
     velocity = np.arange(1.0, count + 1)

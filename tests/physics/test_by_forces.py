@@ -73,11 +73,8 @@ def test_collisions_solved_by_hand(route):
     squared, peak, residual, flags, tolerance, time = (
         np.array([getattr(row, name) for row in HAND], float) for name in Impact._fields[2:]
     )
-    none = np.array([row.law.get("shape") in (by_forces.HOLE, by_forces.BELOW) for row in HAND])
-    sure = ~(
-        none & has(hit, "SOLVER_FAILED")
-    )  # where a force is no number it may give up, but says so
-    assert np.sum(none & sure) >= 2
+    hole = np.array([row.law.get("shape") == by_forces.HOLE for row in HAND])
+    sure = ~(hole & has(hit, "SOLVER_FAILED"))  # it may give up, but says so
     if route == "ode":
         sure &= flags != int(sj.Status.INEXACT)
         tolerance = np.maximum(tolerance, 1e-7)
@@ -93,6 +90,22 @@ def test_collisions_solved_by_hand(route):
     assert np.all(np.isfinite(hit.coefficient))
     for name, rows in wrong.items():
         assert [HAND[k] for k in np.flatnonzero(sure & rows)] == [], name
+
+
+def test_a_force_that_is_no_number_below_its_zero():
+    """s^{3/2} at 400 velocities: rounding decided which tenth gave up; 1 zero in 40 was missed by up to 0.2 %."""
+    velocity = np.geomspace(0.05, 5, 400)
+    law = {"shape": by_forces.BELOW, "rest": 1.0, "gap": 0.5, "sharp": 0.5}
+    fields = columns([law] * len(velocity))
+    hit = solved(fields, velocity)
+    peak = velocity * np.sqrt(0.8)
+    rest = peak / (peak + 0.5)
+    assert np.all(hit.status == 0)
+    np.testing.assert_allclose(hit.coefficient**2, 0.8 * (1 - rest), rtol=1e-9)
+    np.testing.assert_allclose(hit.residual_overlap / LENGTH, rest * peak, rtol=1e-13)
+    of = lambda v: sj.restitution(Forces(STEEL, *fields), v).coefficient.sum()  # noqa: E731
+    slope = -np.sqrt(0.4 * 0.2) / (peak + 0.5) ** 1.5
+    np.testing.assert_allclose(jax.jit(jax.grad(of))(velocity), slope, rtol=1e-6)
 
 
 def test_slopes_of_a_zero_that_is_searched_for():
