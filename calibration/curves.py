@@ -36,7 +36,7 @@ COLUMNS = {  # of a table, after velocity and restitution
     "peak_force": "peak_force[N]",
 }
 ASIDE = 1e-12  # of the velocity of a jump, from there to the rows next to it
-FEWEST, PLACES = 7, 63  # between two rows, where the law is compared
+FEWEST, PLACES = 9, 65  # from one row to the next, both included, where the law is compared
 COMPARED = 10**6  # of these in all
 
 Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
@@ -193,7 +193,7 @@ def _error(source: Source, rows: Rows, route: Route) -> str:
     """State the largest difference between the curve and the interpolation of neighbouring rows, except at a jump."""
     wide = np.flatnonzero(np.diff(rows.velocity) > 1e3 * ASIDE * rows.velocity[1:])
     places = min(max(FEWEST, COMPARED // max(len(wide), 1)), PLACES)
-    share = np.linspace(0, 1, places + 2)[1:-1, None]
+    share = np.linspace(0, 1, places)[:, None]
     inner, linear = (
         (1 - share) * ends[wide] + share * ends[wide + 1]
         for ends in (rows.velocity, rows.coefficient)

@@ -5,7 +5,7 @@ parameter of all fits of one kind, go side by side: each stride is one batch of 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -254,14 +254,14 @@ def joined(curves: Sequence[Profile]) -> Profile:
         for value, rise in zip(curve.values, curve.delta_chi_squared, strict=True)
         if all(rise <= other.at(value) for other in curves if other is not curve)
     )
-    lows = [c.low for c in curves if c.low is not None]
-    highs = [c.high for c in curves if c.high is not None]
+    lows: list[Any] = [curve.low for curve in curves]
+    highs: list[Any] = [curve.high for curve in curves]
     return Profile(
         curves[0].parameter,
         tuple(value for value, _ in ways),
         tuple(rise for _, rise in ways),
-        min(lows) if len(lows) == len(curves) else None,
-        max(highs) if len(highs) == len(curves) else None,
+        None if None in lows else min(lows),
+        None if None in highs else max(highs),
         curves[0].threshold,
     )
 

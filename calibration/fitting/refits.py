@@ -346,8 +346,8 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, " n"]):
     """First-order approximation of the refits.
 
     With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a fold b by the fit to all others are
-    P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. An unknown noise is found from what
-    is left of rᵀ P r.
+    P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. Priors pull as points do. An unknown
+    noise is found from what is left of rᵀ P r.
     """
     problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
     linear = problem.linearise(fit.z[None])
@@ -355,7 +355,8 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, " n"]):
     inverse = np.linalg.pinv(white.T @ white, hermitian=True)
     measured = linear.prediction[0] - problem.points.value
     off, density = np.empty((2, problem.count))
-    blocks, pull = [], np.zeros(len(fixed))
+    priors = slice(problem.count, len(white) - problem.more)
+    blocks, pull = [], white[priors].T @ linear.residual[0, priors]
     for errors, s, carried, span in zip(
         first.errors, first.variances, first.residuals_at(fit.z[None]), first.spans, strict=True
     ):

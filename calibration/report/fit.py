@@ -331,7 +331,7 @@ def _computed(result: Any) -> str:
     settings += "".join(f", {stage} by {optimiser}" for optimiser, stage in others.items())
     condition = number(result.condition_number, 2)
     rank = f"Rank {result.rank} of {len(result.covariance_names)} free parameters"
-    seconds = number(result.times.get("searches", 0.0), 2)
+    seconds = number(result.times.get("searches"), 2)
     searches = f"{len(stages)} search{'es' * (len(stages) != 1)}, {sum(s.evaluations for s in stages)} evaluations"
     return f"{settings}. {rank}, condition number {condition}. {searches}, {seconds} s."
 

@@ -136,7 +136,7 @@ def as_recorded(name: str, shown: Mapping[str, Figure | str]) -> None:
         text = json.dumps(recorded | {name: found}, indent=1, sort_keys=True, ensure_ascii=False)
         RECORDED.write_text(f"{text}\n", encoding="utf-8")
         return
-    for file, lines in found.items():
-        pairs = zip_longest(recorded[name].get(file, ()), lines, fillvalue="")
+    for file in {**recorded[name], **found}:
+        pairs = zip_longest(*(x.get(file, ()) for x in (recorded[name], found)), fillvalue="")
         off = [f"was {old}\nis  {new}" for old, new in pairs if not same_print(old, new)]
         assert not off, "\n".join([f"{name}, {file}:", *off])

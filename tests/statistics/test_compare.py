@@ -170,20 +170,22 @@ def test_laws_are_compared_under_the_noise_of_the_fit_and_it_is_said(options, no
 
 
 @pytest.mark.parametrize(
-    ("decisive", "words"),
+    ("decisive", "at", "words"),
     [
-        ([1], "high is ahead of low by 5 ± 5 in elpd, less than two standard errors; it predicts"),
-        ([0, 1, 2, 3, 5], "high is best: ahead of low by 25 ± 5 in elpd; it predicts 5 of 6"),
+        ([1], 0.915, "high is ahead of low by 5 ± 5 in elpd, less than two standard errors; it"),
+        ([0, 1, 2, 3, 5], 0.915, "high is best: ahead of low by 25 ± 5 in elpd; it predicts 5"),
+        (range(6), 0.1, "low is best: ahead of high by 9.5e+02 ± 0"),  # of densities of 1e-1400
     ],
 )
-def test_a_lead_of_less_than_two_standard_errors_is_not_called_best(decisive, words):
+def test_a_lead_of_less_than_two_standard_errors_is_not_called_best(decisive, at, words):
     """Points at 0.89 ± 0.01 do not decide between 0.90 and 0.88; at 0.915 ln p differs by (3.5² - 1.5²)/2."""
     measured = np.full(6, 0.89)
-    measured[decisive] = 0.915
+    measured[decisive] = at
     data = data_of(measured, 0.01, velocity=VELOCITY[:6])
     parameters = {"high": {"level": 0.90, "slope": 0.0}, "low": {"level": 0.88, "slope": 0.0}}
     comparison = cal.compare(data, {"high": Line, "low": Line}, parameters=parameters)
     assert words in " ".join(comparison.notes)
+    assert sum(entry.weight for entry in comparison.entries) == pytest.approx(1)
 
 
 def test_thornton_stands_with_its_factor_free_and_fixed():

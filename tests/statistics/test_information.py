@@ -175,6 +175,7 @@ def test_of_a_fit_without_further_shots_it_is_the_fits_own_covariance(case):
     found = cal.fisher_information(result, material=material)
     errors = {name: result.standard_errors[name] for name in found.names}
     assert found.standard_errors == pytest.approx(errors, rel=1e-4)
+    assert found.before == found.relative_errors
     if law is Idle:
         assert found.names == ("level[b]", "rate[b]")
         assert found.taken_as_known[0].startswith("idle is not determined")

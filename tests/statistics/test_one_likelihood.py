@@ -411,19 +411,23 @@ def test_many_points_are_left_out_to_first_order_by_the_same_density():
         assert left.log_density[k] == pytest.approx(expected, abs=0.1)
 
 
-def test_many_points_of_a_linear_law_are_left_out_exactly():
-    """ε = a x by sums over all points but each; Student's t of as many degrees of freedom."""
+@pytest.mark.parametrize("prior", [None, (0.89, 3e-4)])
+def test_many_points_of_a_linear_law_are_left_out_exactly(prior):
+    """ε = a x by sums over all points but each; with a factor of the errors Student's t of as many degrees."""
     data, u = imprecise(count=1100), np.linspace(0.5, 1.5, 1100) * NOISE
     x, e = np.exp(-0.09 * data.velocity), data.restitution
     points = cal.RestitutionData(data.velocity, e, uncertainty=u)
-    fit = cal.fit(points, Decay, {"rate": 0.09}, scale_uncertainty=True, **QUICK)
+    parameters = {"rate": 0.09, "level": cal.Parameter(0.9, prior=prior)}
+    fit = cal.fit(points, Decay, parameters, scale_uncertainty=prior is None, **QUICK)
     left, others = fit.leave_one_out(), lambda terms: np.sum(terms) - terms
-    information = others((x / u) ** 2)
-    level = others(x * e / u**2) / information
-    squares = (others((e / u) ** 2) - level**2 * information) / 1098
+    mean, weight = (0, 0) if prior is None else (prior[0], prior[1] ** -2)
+    information = others((x / u) ** 2) + weight
+    level = (others(x * e / u**2) + mean * weight) / information
+    squares = (others((e / u) ** 2) - level**2 * information) / 1098 if prior is None else 1
     spread = np.sqrt(squares * (u**2 + x**2 / information))
     np.testing.assert_allclose(left.predicted, level * x, rtol=1e-9)
-    expected = stats.t.logpdf(e, 1098, level * x, spread)
+    family = stats.t(1098) if prior is None else stats.norm
+    expected = family.logpdf((e - level * x) / spread) - np.log(spread)
     np.testing.assert_allclose(left.log_density, expected, rtol=0, atol=1e-7)
 
 
