@@ -97,10 +97,10 @@ class Rows(NamedTuple):
         columns = {"velocity [m/s]": self.velocity, "restitution": self.coefficient}
         if self.low is not None and self.high is not None:
             columns |= {"restitution_low": self.low, "restitution_high": self.high}
-        known = np.isfinite(self.coefficient)
-        codes, index = np.unique(np.where(known, self.status, -1), return_inverse=True)
-        words = ["NOT_DETERMINED" if code < 0 else status_names(int(code)) for code in codes]
-        table = pd.DataFrame(columns | {"status": [words[k] for k in index]})
+        codes, index = np.unique(self.status, return_inverse=True)
+        words = np.array([status_names(int(code)) for code in codes])[index]
+        words = np.where(np.isfinite(self.coefficient), words, "NOT_DETERMINED")
+        table = pd.DataFrame(columns | {"status": words})
         return table.to_csv(index=False, lineterminator="\n")
 
 

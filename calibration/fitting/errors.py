@@ -148,7 +148,7 @@ class Errors:
     @classmethod
     def known(cls, velocity: np.ndarray, variance: Any) -> "Errors":
         """Independent errors of known variance."""
-        deviation = np.sqrt(variance + np.zeros(len(velocity)))
+        deviation = np.sqrt(np.broadcast_to(variance, len(velocity)))
         points = PointErrors.alone(len(velocity), np.maximum(deviation, 1e-150))
         return cls(points, None, (), Normal(), None, velocity, np.inf)
 
@@ -241,7 +241,7 @@ class Errors:
         """V_ii."""
         return self.variance(s, slope, bend) + over(s.get("group", 0.0))
 
-    def factor(self, s: Variances, slope: Any = 0.0, bend: Any = 0.0, xp: Any = np) -> Factor:
+    def factor(self, s: Variances, slope: Any, bend: Any, xp: Any = np) -> Factor:
         """Factor of V at given variances and slopes of the curve."""
         variance = self.variance(s, slope, bend)
         lower = xp.sqrt(variance + xp.zeros(len(self)))
@@ -330,7 +330,7 @@ class Errors:
 
     # ------------------------------------------------------------------ densities
 
-    def deviance(self, s: Variances, off: Any, slope=0.0, bend=0.0, xp: Any = np) -> Any:
+    def deviance(self, s: Variances, off: Any, slope: Any, bend: Any, xp: Any = np) -> Any:
         """-2 ln p of all points together."""
         if not self.shares:
             return -2 * self.by_point(s, off, slope, bend, xp).sum(-1)
@@ -339,7 +339,7 @@ class Errors:
         known = len(self) * LN_2PI + 2 * np.sum(self.log_unit)
         return self.log_det(factor, xp) + (white**2).sum(-1) + known
 
-    def by_point(self, s: Variances, off: Any, slope=0.0, bend=0.0, xp: Any = np) -> Any:
+    def by_point(self, s: Variances, off: Any, slope: Any, bend: Any, xp: Any = np) -> Any:
         """ln p of each point; where points share errors, of each where the others are known.
 
         Source: Bürkner, Gabry and Vehtari, Comput. Stat. 36, 1243 (2021), Eq. 8.

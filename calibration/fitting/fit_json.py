@@ -243,7 +243,7 @@ class ResultFile(Strict):
     times: dict[str, NotNegative] = Field(default_factory=dict)
 
 
-def result_to_dict(result: Any, times: bool = True) -> dict[str, Any]:
+def result_to_dict(result: Any, times: bool) -> dict[str, Any]:
     """Contents of `fit.json`."""
     table = _by_names(
         ResultFile,

@@ -42,7 +42,7 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return figure
 
 
-def axes_or_new(ax: Axes | None, height: float = 4.0) -> Axes:
+def axes_or_new(ax: Axes | None, height: float) -> Axes:
     return new_figure(height).add_subplot() if ax is None else ax
 
 

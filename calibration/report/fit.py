@@ -265,7 +265,7 @@ def _with_owners(result: Any, texts: Iterable[tuple[str, str]], form: str) -> li
     ]
 
 
-def _verdict(result: Any, of_draws: int = 0) -> Block:
+def _verdict(result: Any, of_draws: int) -> Block:
     """Whether the fit converged, and the number of warnings.
 
     Args:

@@ -504,5 +504,6 @@ def test_names_of_correlations_are_inside_the_picture(main_job, tmp_path):
     figure = main_job.figures["correlation.png"]
     plots.save(figure, tmp_path / "correlation.png")
     picture = imread(tmp_path / "correlation.png")[:, :, :3]
+    assert picture.shape[1] == round(150 * figure.get_figwidth())
     for edge in (picture[:5], picture[-5:], picture[:, :5], picture[:, -5:]):
         assert np.all(edge == 1.0)  # nothing is cut

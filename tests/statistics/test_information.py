@@ -94,11 +94,10 @@ def test_directions_are_told_in_words_and_the_losses_above_yield_are_one_number(
     assert all("will be known" in sentence for sentence in better)
     found = cal.fisher_information(DECAY, np.full(5, 25.0), 0.01)
     assert found.to_dict()["standard_errors"] == {"level": None, "rate": None}
-    power = "a^0.71 · b^0.71"
-    assert (
-        found.words[-1]
-        == f"a and b only together: {power} is not determined (these impacts have no information on it)"
-    )
+    idle = cal.fisher_information(Idle(0.9, 0.05, 1.0), np.linspace(1.0, 25.0, 5), 0.01)
+    nothing = "is not determined (these impacts have no information on it)"
+    for words, of in ((found.words, "a and b only together: a^0.71 · b^0.71"), (idle.words, "i")):
+        assert words[-1] == f"{of} {nothing}"
 
 
 @pytest.mark.parametrize("below", [0, 4])
