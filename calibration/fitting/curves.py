@@ -213,7 +213,7 @@ def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
     flat, by_velocity = 0 * off[None], (by_pace / errors.velocity)[None]
     at = Residuals(off[None], slope[None, :, None], by_velocity, flat, none, none[0], free)
     s = {kind: float(v[0]) for kind, v in estimated(errors, at).items()} if unknown else {}
-    factor = errors.factor(s, by_velocity[0])
+    factor = errors.factor(s, by_velocity[0], flat[0])
     total, first = slope @ errors.solve(factor, np.stack([slope, off], axis=1))
     if not 0 < total < np.inf:
         return None
