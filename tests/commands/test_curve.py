@@ -234,7 +234,8 @@ def test_a_table_has_durations_overlaps_and_forces_where_there_is_a_force(at):
 def test_a_fit_gives_its_band_and_says_where_its_data_end(at, above_yield):
     result, path = above_yield
     inside = ["--from", "1.5", "--to", "60", "--points", "12", "--format", "csv", "png"]
-    assert r"my\nnylon" in curve("--fit", path, *inside)
+    said = " ".join(curve("--fit", path, *inside).split())
+    assert said.startswith(rf"my\nnylon: {path} 12 velocities, 1.5 to 60 m/s ")
     header = "velocity [m/s],restitution,restitution_low,restitution_high,status"
     assert rows_of(at / "results" / "curve.csv")[0] == header.split(",")
     velocity, value, low, high = (column(at, i) for i in range(4))

@@ -30,16 +30,19 @@ def test_the_errors_of_all_laws_are_those_that_were_found_elsewhere(exported):
 
 
 def test_viscoelastic_spheres_are_the_best_of_their_kind(exported):
-    source, span = sj.ConstantRestitution(PAIR, 0.9), (50.0, 100.0)
-    export, _ = exported(
-        source, "lammps", velocity_range=span, law="viscoelastic", tolerance=0.9, steps=50
-    )
+    """Of hardly damped ones 1 - ε is 1.15344 w² (Schwager and Pöschel), of creeping ones ε is 2/3 (2 w²/3)^{-5/3}."""
+    span = (50.0, 100.0)
+    options = {"velocity_range": span, "law": "viscoelastic", "tolerance": 0.9, "steps": 50}
+    export, _ = exported(sj.ConstantRestitution(PAIR, 0.9), "lammps", **options)
     velocity = np.geomspace(*span, 9)
     times = np.geomspace(1e-14, 1e-2, 4000)[:, None]
     times = np.append(times, export.law.dissipation_time * np.linspace(0.8, 1.25, 400))[:, None]
     off = curve(sj.ViscoelasticHertz(PAIR, times), velocity) - 0.9
     best = np.min(np.max(np.abs(off), axis=1))
     assert export.choice.error == pytest.approx(best, rel=2e-2, abs=1e-6)
+    for epsilon, error in ((1.0, 1.15344e-9), (0.0, 2 / 3 * (2e4 / 3) ** (-5 / 3))):
+        end, _ = exported(sj.ConstantRestitution(PAIR, epsilon), "lammps", **options)
+        assert end.choice.error == pytest.approx(error, rel=1e-3)
 
 
 CHOSEN = {0.08: "linear", 0.03: "viscoelastic", 0.02: "walton-braun", 3e-4: "exact"}
@@ -50,6 +53,7 @@ def test_the_first_law_that_keeps_the_tolerance_is_taken_and_keeps_it_in_c(toler
     """At the time step that is written; the stated error of the step is reached and not passed."""
     export, folder = exported(tolerance=tolerance)
     assert export.choice.key == CHOSEN[tolerance]
+    as_recorded(f"export {tolerance}", {"printed": str(export)})  # its number of steps too
     assert export.choice.error + export.choice.steps.error == export.choice.total
     assert all(trial.total > tolerance for trial in export.tried[:-1])
     code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))

@@ -84,7 +84,7 @@ def test_arguments_of_public_names_have_the_defaults_that_are_recorded():
             stated = {p.name: p.default for p in arguments if p.default is not p.empty}
             texts = [f"{k}={'a function' if callable(x) else x!r}" for k, x in stated.items()]
             lines += [f"{name}: {', '.join(texts)}"] if texts else []
-    as_recorded("defaults", {"public names": "\n\n".join(sorted(lines))})
+    as_recorded("defaults", {"public names": "\n\n".join(sorted(lines))}, exactly=True)
 
 
 READERS = [cal.read_csv, cal.read_toml, cal.read_problem, cal.FitResult.load]

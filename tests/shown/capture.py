@@ -127,16 +127,17 @@ def words(text: str) -> list[str]:
     return [block for block in blocks if block and not re.match(r"\d{4}-\d\d-\d\d; ", block)]
 
 
-def as_recorded(name: str, shown: Mapping[str, Figure | str]) -> None:
+def as_recorded(name: str, shown: Mapping[str, Figure | str], exactly: bool = False) -> None:
     """Pictures and texts by the names of their files as `recorded.json` has them, printed numbers to one
-    unit of their last digit; SOFTJAX_RECORD=1 records them."""
+    unit of their last digit, unless `exactly`; SOFTJAX_RECORD=1 records them."""
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
     found = {file: words(x) if isinstance(x, str) else looks(x) for file, x in shown.items()}
     if "SOFTJAX_RECORD" in os.environ:
         text = json.dumps(recorded | {name: found}, indent=1, sort_keys=True, ensure_ascii=False)
         RECORDED.write_text(f"{text}\n", encoding="utf-8")
         return
+    same = str.__eq__ if exactly else same_print
     for file in {**recorded[name], **found}:
         pairs = zip_longest(*(x.get(file, ()) for x in (recorded[name], found)), fillvalue="")
-        off = [f"was {old}\nis  {new}" for old, new in pairs if not same_print(old, new)]
+        off = [f"was {old}\nis  {new}" for old, new in pairs if not same(old, new)]
         assert not off, "\n".join([f"{name}, {file}:", *off])

@@ -356,6 +356,8 @@ def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
     assert "**NOT CONVERGED: do not use these values.**" in report
     assert markdown_tables(report)[2][1][-1] == "NO"
     assert "NOT CONVERGED: do not use these values." in made.out
+    made = shown(tmp_path, "curve", "--fit", made.folder / "fit.json", "--points", "3")
+    assert "fit.json (NOT CONVERGED) 3 velocities," in " ".join(made.out.split())
 
 
 def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):
