@@ -84,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         text, code = _outcome(next(iter(stops), error))
         with suppress(OSError):
             for line in text.splitlines():  # each fault of a file
-                print(printable(" ".join(line.split())), file=sys.stderr, flush=True)
+                print(printable(" ".join(line.split())), file=sys.stderr)
         return code
 
 
@@ -112,7 +112,7 @@ def _run(argv: Sequence[str]) -> int:
     try:
         name, command, arguments = _parsed(argv)
         if not arguments.quiet and console.is_terminal():  # what follows may take seconds
-            print(f"softjax {name}: loading ...", file=sys.stderr, flush=True)
+            print(f"softjax {name}: loading ...", file=sys.stderr)
         # modules and programs stay: looking through them takes a tenth
         gc.set_threshold(100_000, 20, 20)
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # words on its own cache

@@ -130,7 +130,7 @@ class Progress:
 
     def _begin(self, stage: str) -> None:
         if not self._has_bar:
-            print(f"{stage} ...", file=sys.stderr, flush=True)
+            print(f"{stage} ...", file=sys.stderr)
             return
         from rich import console, progress
 

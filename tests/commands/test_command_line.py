@@ -1,6 +1,5 @@
 """What commands refuse: one line that names it, exit code 2, nothing written; and the command line itself."""
 
-import re
 import subprocess
 import sys
 
@@ -217,7 +216,7 @@ def test_the_help_of_every_command_is_that_which_is_recorded(capsys, monkeypatch
     as_recorded("help", texts, exactly=True)
 
 
-def test_help_lists_every_command_and_imports_nothing_heavy():
+def test_help_imports_nothing_heavy():
     script = (
         "import sys\nfrom calibration.cli import main\n"
         "try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
@@ -229,6 +228,3 @@ def test_help_lists_every_command_and_imports_nothing_heavy():
         )
         assert ended.stdout.splitlines()[-1] == "[]"
         assert ended.stderr == ""
-        if argv == ["--help"]:
-            listed = re.search(r"commands:\n(.*?)\n\n", ended.stdout, re.S)[1]
-            assert tuple(line.split()[0] for line in listed.splitlines()) == COMMANDS

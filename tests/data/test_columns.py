@@ -7,6 +7,7 @@ import pytest
 
 import calibration as cal
 from tests.covariance import covariance_of
+from tests.shown.capture import as_recorded
 
 READ = cal.RestitutionData.from_table
 # tables that need the name, in the format's own names and SI
@@ -123,6 +124,20 @@ def test_only_names_taken_for_others_are_told():
     assert "x9" in many
     assert "x10" not in many
     assert "20 more" in many
+
+
+def test_the_remarks_on_each_set_of_columns_are_those_that_are_recorded():
+    """Of no ball, of a huge one, and of a plain one with the error of the first column alone."""
+    remarks, huge = {}, {"diameter": 1.0, "mass": 600.0}
+    for name, table in TABLES.items():
+        errors = [column for column in table if column.endswith("uncertainty")]
+        balls = {0: {}, len(errors): huge, 1: {"diameter": 0.01, "density": 1140.0}}
+        for count, ball in balls.items():
+            some = {
+                column: cells for column, cells in table.items() if column not in errors[count:]
+            }
+            remarks[f"{name}, {count}"] = "\n\n".join(READ(some, **ball).remarks)
+    as_recorded("remarks", remarks, exactly=True)
 
 
 TIMED = {"interval": [1.0, 0.5, 0.25], "time": [0.0, 1.0, 1.8], "launch": ["x"] * 3}

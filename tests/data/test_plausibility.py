@@ -1,5 +1,7 @@
 """Units and columns that are doubted, each by one set and not by its neighbour; properties far outside are refused."""
 
+import contextlib
+import io
 from dataclasses import asdict
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
+from calibration import cli
 from tests.shown.conftest import shown
 
 VELOCITY = np.linspace(0.5, 5.0, 10)
@@ -112,6 +115,15 @@ def test_the_first_line_of_every_command(command, tmp_path):
     start = f"{file}:4: youngs_modulus is 115 Pa, more than 100 times outside 100000 to 1.3e+12"
     assert (made.code, made.out, made.err.count("\n"), made.err[: len(start)]) == (2, "", 1, start)
     assert not (tmp_path / "none").exists()
+
+
+def test_a_reader_has_the_first_line_before_the_work(tmp_path):
+    out, there = io.StringIO(), []
+    out.flush = lambda: there.append(out.getvalue())
+    words = ("curve", material_file(tmp_path, radius=6.0), *LAW, "--out", tmp_path)
+    with contextlib.redirect_stdout(out):
+        assert cli.main([*map(str, words)]) == 0
+    assert there[0].count("\n") == 1
 
 
 def test_warnings_and_the_report_begin_with_it(tmp_path):

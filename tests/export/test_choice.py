@@ -26,7 +26,6 @@ def test_the_errors_of_all_laws_are_those_that_were_found_elsewhere(exported):
     for key, error in MEASURED.items():
         assert errors[key] == pytest.approx(error, rel=0.06)
     assert errors["exact"] == 0
-    assert "; ".join(f"{key} {error:.2g}" for key, error in errors.items()) in str(export)
 
 
 def test_viscoelastic_spheres_are_the_best_of_their_kind(exported):
@@ -110,7 +109,6 @@ def test_a_softer_law_gives_the_same_restitution_at_a_longer_step(name, exported
     assert soft.overlap == pytest.approx(0.05)
     assert soft.time_step == pytest.approx(times * stiff.time_step)
     np.testing.assert_allclose(soft.duration, times * stiff.duration)
-    assert re.search(rf"softer +overlaps and time step {times:.3g} times, forces 1/", str(soft))
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     expected = {"overlaps": times, "time_step": times, "forces": 1 / times}
     assert report["softer"] == pytest.approx(expected)

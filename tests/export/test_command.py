@@ -3,7 +3,6 @@
 import ast
 import json
 import os
-import re
 import subprocess
 from pathlib import Path
 
@@ -163,8 +162,6 @@ def test_a_named_material_becomes_a_plugin_whose_build_says_what_it_lacks(at):
     code, out, err = run("export", *STEEL[:-1], "--to", "lammps", "--tolerance", "0.005")
     assert (code, err) == (0, "")
     assert "χ̃ = 1.7944" in out
-    assert "Zhou's law, exact (by C source for the code)" in out
-    assert re.search(r"half of it has \d+ % of its error", out)
     made, names = report(), sorted(path.name for path in Path("results").iterdir())
     assert out.endswith(f"Written to results: {', '.join(names)}\n")
     assert set(names) == set(made["files"]) == {
