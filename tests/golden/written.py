@@ -51,18 +51,20 @@ def record_rows(numbers, path):
 def exports(numbers, folder):
     """A law at given parameters for each particle code."""
     pair, spring = contact(), 5e7
-    laws = {
-        "lammps": sj.HertzDashpot(pair, 0.8, end="zero-force"),
-        "liggghts": sj.LinearSpringDashpot(pair, spring, 0.8, end="zero-force"),
-        "yade": sj.WaltonBraun(pair, spring, spring, 3000.0),
-        "c": sj.Zhou(pair, 1.2, 0.9, 0.5),
+    zhou, exact = sj.Zhou(pair, 1.2, 0.9, 0.5), {"law": "exact"}
+    cases = {
+        "lammps, hertz-dashpot": (sj.HertzDashpot(pair, 0.8, end="zero-force"), {}),
+        "liggghts, linear": (sj.LinearSpringDashpot(pair, spring, 0.8, end="zero-force"), {}),
+        "yade, walton-braun": (sj.WaltonBraun(pair, spring, spring, 3000.0), {}),
+        "c, zhou": (zhou, exact),
+        "c, held": (zhou, exact | {"below": "hold", "tolerance": 0.004}),
+        "lammps, viscoelastic": (zhou, {"sizes": (0.01, 0.004), "overlap": 0.05}),
     }
-    names = {"lammps": "hertz-dashpot", "liggghts": "linear", "yade": "walton-braun", "c": "zhou"}
-    for to, law in laws.items():
-        given = "exact" if to == "c" else names[to]
-        options = {"velocity_range": (0.2, 2.0), "tolerance": 0.2, "law": given}
-        made = cal.export(law, to, folder / to, **options)
-        record_export(numbers, made, folder / to, f"{to}, {names[to]}: ")
+    for name, (law, options) in cases.items():
+        to, key = name.split(", ")
+        given = {"velocity_range": (0.2, 2.0), "tolerance": 0.2, "law": key} | options
+        made = cal.export(law, to, folder / name, **given)
+        record_export(numbers, made, folder / name, f"{name}: ")
 
 
 def record_export(numbers, made, folder, name):
@@ -70,6 +72,8 @@ def record_export(numbers, made, folder, name):
     numbers.physics(f"{name}time step", made.time_step)
     numbers.physics(f"{name}error of dissipated energy", made.energy_error, 1e-6, 1e-9)
     numbers.physics(f"{name}largest overlap", made.overlap)
+    errors = [made.choice.error, made.choice.steps.error, made.choice.hold_error]
+    numbers.physics(f"{name}errors of law, time step and held ε", errors, 1e-5, 1e-9)
     for file in made.files:
         if file.endswith((".py", ".h")) or file == "in.softjax":
             text = (folder / file).read_text(encoding="utf-8")
