@@ -10,6 +10,7 @@ Between two kinks of the force is a stage, solved by itself.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -32,6 +33,7 @@ class Fall(NamedTuple):
         kinks: overlaps where the force has some, a vector.
         about_zero: whether the energy is integrated over the root of x instead of that of x - x*.
         smooth: whether the force is known to vary alike over the whole of each stage.
+        reached: x'²/y² at the kinks, from the top, where it is known.
     """
 
     force: Callable[[Array, Array], Array]
@@ -41,6 +43,7 @@ class Fall(NamedTuple):
     kinks: Array
     about_zero: bool = False
     smooth: bool = False
+    reached: Array | None = None
 
 
 def energies(fall: Fall, y: Array, route: Any) -> tuple[Array, Bool[Array, ""]]:
@@ -125,28 +128,37 @@ def _about_end(fall: Fall, high, low):
     return place
 
 
-def times(fall: Fall, y: Array, route: Any, save=None):
-    """The time of the whole fall, or of the states at shares `save` of the angle; and its verdict.
+def times(rise: Fall, fall: Fall, y: Array, route: Any, save=None):
+    """The times of both branches, or their states at shares `save` of their angles; and the verdict.
+
+    One loop over the stages of both, so that one program serves all.
+
+    Args:
+        save: two increasing arrays in [0, 1], or None.
 
     Returns:
-        time [L/V], or (time, overlap, x_m - x, x') at all samples; whether the solver got there.
+        of each branch its time [L/V], or (time, overlap, x_m - x, x') at all samples; whether the
+        solver got there.
     """
-    pull = 1.25 * fall.force(fall.top, jnp.zeros_like(fall.top))
-    frequency = jnp.sqrt(pull / fall.span)
-    depth = _depths(fall)
-    halves, sure = jnp.arange(2, dtype=y.dtype), jnp.ones_like(y, dtype=bool)
-    if len(fall.kinks):
-        # the angle at which the fall meets a kink follows from its speed there
-        reached, sure = energies(fall, y, route)
-        speed, left = y * safe_sqrt(reached[:-1]) / frequency, fall.span - depth[1:-1]
-        inner = speed / (left + jnp.sqrt(speed * speed + left * left))
-        halves = jnp.concatenate([halves[:1], inner, halves[1:]])
-    at = None if save is None else np.tan(0.25 * np.pi * save)
-    field = _angle_field(fall, frequency)
+    branches = rise, fall
+    pulls = [1.25 * branch.force(branch.top, jnp.zeros_like(branch.top)) for branch in branches]
+    frequency = jnp.stack([jnp.sqrt(p / b.span) for p, b in zip(pulls, branches, strict=True)])
+    halves, sure = zip(*map(partial(_halves, y, route), branches, frequency), strict=True)
+    which: np.ndarray = np.repeat([0, 1], [len(ends) - 1 for ends in halves])
+    places = jnp.stack([jnp.stack([branch.bottom, branch.span]) for branch in branches])
+    stages = [jnp.concatenate([ends[k] for ends in halves]) for k in (slice(-1), slice(1, None))]
+    stages += [which, np.diff(which, prepend=1) != 0, places[which], frequency[which]]
+    if save is not None:
+        at = [np.tan(0.25 * np.pi * share) for share in save]
+        count = max(map(len, at))
+        filled = np.stack([np.append(a, np.ones(count - len(a), a.dtype)) for a in at])
+        stages.append(filled[which])
 
-    def stage(state, ends):
-        start, end = ends
-        portion = None if at is None else _share(start, end, at)
+    def stage(state, chosen):
+        start, end, branch, begins, (bottom, span), frequency, *at = chosen
+        state = jax.tree.map(partial(jnp.where, begins), (1.0, 0.0), state)
+        pull = partial(jax.lax.switch, branch, (rise.force, fall.force))
+        field = _angle_field(pull, bottom, span, frequency)
 
         def eased(t, state):
             """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
@@ -155,30 +167,43 @@ def times(fall: Fall, y: Array, route: Any, save=None):
             return tuple(2 * (end - start) * left * rate for rate in rates)
 
         zero, one = jnp.zeros_like(end), jnp.ones_like(end)
+        portion = _share(start, end, *at) if at else None
         states, solved = solve(eased, zero, one, state, route, portion, smooth=fall.smooth)
-        last = states if at is None else jax.tree.map(lambda s: s[-1], states)
+        last = jax.tree.map(lambda s: s[-1], states) if at else states
         return last, (states, solved)
 
     begin = (jnp.ones_like(y), jnp.zeros_like(y))
-    if len(depth) == 2:
-        _, (states, solved) = stage(begin, (halves[0], halves[1]))
-        states = states if at is None else jax.tree.map(lambda s: s[:-1], states)
-    else:
-        last, (states, solved) = jax.lax.scan(stage, begin, (halves[:-1], halves[1:]))
-        if at is None:
-            states = last
-        else:  # of each stage the samples that are inside of it
-            inside = jnp.searchsorted(halves, at, side="right") - 1
-            inside = jnp.clip(inside, 0, len(halves) - 2)
-            states = jax.tree.map(lambda s: s[inside, jnp.arange(len(at))], states)
-    if at is None:
-        return states[1] / frequency, sure & jnp.all(solved)
-    stretch, phase = states
-    sin, cos = _sine_cosine(at)
-    radius = fall.span * stretch
-    left = jnp.minimum(radius * cos, fall.span)
-    x, speed = fall.bottom + left, -frequency * radius * sin
-    return (phase / frequency, x, fall.span - left, speed), sure & jnp.all(solved)
+    _, (states, solved) = jax.lax.scan(stage, begin, tuple(stages))
+    solved, rising = jnp.all(solved) & sure[0] & sure[1], len(halves[0]) - 1
+    if save is None:
+        ends = states[1][np.array([rising - 1, -1])]
+        return tuple(ends / frequency), solved
+    samples = []
+    for k, (branch, ends) in enumerate(zip(branches, halves, strict=True)):
+        # of each stage the samples that are inside of it
+        inside = jnp.clip(jnp.searchsorted(ends, at[k], side="right") - 1, 0, len(ends) - 2)
+        stretch, phase = (s[k * rising + inside, np.arange(len(at[k]))] for s in states)
+        sin, cos = _sine_cosine(at[k])
+        radius = branch.span * stretch
+        left = jnp.minimum(radius * cos, branch.span)
+        x, speed = branch.bottom + left, -frequency[k] * radius * sin
+        samples.append((phase / frequency[k], x, branch.span - left, speed))
+    return tuple(samples), solved
+
+
+def _halves(y: Array, route: Any, fall: Fall, frequency: Array):
+    """tan(φ/2) at the ends of all stages, from 0 to 1, and the verdict on what they follow from."""
+    ends, sure = jnp.arange(2, dtype=y.dtype), jnp.ones_like(y, dtype=bool)
+    if not len(fall.kinks):
+        return ends, sure
+    # the angle at which the fall meets a kink follows from its speed there
+    reached = fall.reached
+    if reached is None:
+        reached, sure = energies(fall, y, route)
+        reached = reached[:-1]
+    speed, left = y * safe_sqrt(reached) / frequency, fall.span - _depths(fall)[1:-1]
+    inner = speed / (left + jnp.sqrt(speed * speed + left * left))
+    return jnp.concatenate([ends[:1], inner, ends[1:]]), sure
 
 
 def _sine_cosine(half):
@@ -196,15 +221,15 @@ def _share(start, end, at):
     return jnp.append(share, 1.0)
 
 
-def _angle_field(fall: Fall, frequency):
+def _angle_field(force, bottom, span, frequency):
     """d/dh of ρ/(x_m - x*) and of Ω t, h = tan(φ/2)."""
 
     def field(half, state):
         stretch, _ = state
         sin, cos = _sine_cosine(half)
-        radius = fall.span * stretch
-        left = jnp.clip(radius * cos, 0.0, fall.span)
-        pull = 1.25 * fall.force(fall.bottom + left, fall.span - left)
+        radius = span * stretch
+        left = jnp.clip(radius * cos, 0.0, span)
+        pull = 1.25 * force(bottom + left, span - left)
         pull = pull / (frequency * frequency * radius)
         turn = 2 / (1 + half * half) / (sin**2 + pull * cos)  # dφ/dh over dφ/d(Ω t)
         return stretch * sin * (pull - cos) * turn, turn

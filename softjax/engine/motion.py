@@ -51,9 +51,8 @@ def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> 
     reached, solved = falls.energies(fall, y, route)
     back = Rebound(reached[-1], solved)
     if clock:
-        rise, rose = falls.times(_rise(law, peak.overlap), y, route)
-        back_time, fell = falls.times(fall, y, route)
-        back = back._replace(solved=solved & rose & fell, time=rise + back_time)
+        both, arrived = falls.times(_rise(law, peak.overlap, y), fall, y, route)
+        back = back._replace(solved=solved & arrived, time=sum(both))
     collision = outcome.assemble(law, peak, unloaded, back, _gain(law, route, y.dtype), force)
     return outcome.unlifted(law, collision, below)
 
@@ -67,14 +66,16 @@ def history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
     """
     along, back = fractions
     peak = _loading(law, y, route)
-    # the fall from the peak, the other way round
-    (time, x, _, speed), rose = falls.times(_rise(law, peak.overlap), y, route, 1 - along[::-1])
-    loading = (time[-1] - time[::-1], x[::-1], -speed[::-1], jax.vmap(law.loading)(x[::-1]))
     unloaded, fall = _unloading(law, peak.overlap)
-    (time, x, recovered, speed), fell = falls.times(fall, y, route, back)
+    # loading is a fall from the peak, the other way round
+    rise = _rise(law, peak.overlap, y)
+    (up, down), solved = falls.times(rise, fall, y, route, (1 - along[::-1], back))
+    time, x, _, speed = (part[::-1] for part in up)
+    loading = (time[0] - time, x, -speed, jax.vmap(law.loading)(x))
+    time, x, recovered, speed = down
     unloading = (loading[0][-1] + time, x, speed, jax.vmap(fall.force)(x, recovered))
     samples = [jnp.concatenate(parts) for parts in zip(loading, unloading, strict=True)]
-    rebound = Rebound(jnp.square(speed[-1] / y), rose & fell)
+    rebound = Rebound(jnp.square(speed[-1] / y), solved)
     return outcome.assemble(law, peak, unloaded, rebound, _gain(law, route, y.dtype)), samples
 
 
@@ -105,9 +106,12 @@ def _followed(law: ReducedClosedForm, peak: Numbers) -> UnloadingEnd:
     return UnloadingEnd(peak * r**2, peak * (1 - r) * (1 + r), r == r)
 
 
+def _begins_elastic(law: ReducedRateIndependent) -> bool:
+    return isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
+
+
 def _loading(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
-    begins_elastic = isinstance(law, ReducedClosedForm) and not len(law.breakpoints())
-    loaded = encke.loading if begins_elastic else _staged
+    loaded = encke.loading if _begins_elastic(law) else _staged
     impact = law.on_loading(), y, route
     return loaded(*impact) if route.by_reverse else along_active(loaded, *impact)
 
@@ -173,11 +177,15 @@ def _passed(pull, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers,
     return X, jnp.sqrt(energy), sure
 
 
-def _rise(law, top: Numbers) -> Fall:
+def _rise(law, top: Numbers, y: Numbers) -> Fall:
     """Loading with time turned around."""
     force = lambda x, _: law.loading(x)  # noqa: E731
-    smooth = isinstance(law, ReducedClosedForm)
-    return Fall(force, top, jnp.zeros_like(top), top, loading_kinks(law, top), smooth=smooth)
+    smooth, kinks, reached = isinstance(law, ReducedClosedForm), loading_kinks(law, top), None
+    if _begins_elastic(law):  # up to its one kink the work is that of the power law
+        least = kinks ** (0.5 * law.work_exponent)
+        reached = (1 - least / y) * (1 + least / y)
+    bottom = jnp.zeros_like(top)
+    return Fall(force, top, bottom, top, kinks, smooth=smooth, reached=reached)
 
 
 def _unloading(law, top: Numbers) -> tuple[UnloadingEnd, Fall]:
