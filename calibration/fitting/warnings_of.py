@@ -205,8 +205,8 @@ def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Es
     shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)) ** 2
 
     def is_outside(k: int, value: float) -> bool:
-        ends = (end for end in (estimates[k].low, estimates[k].high) if end is not None)
-        return any((value - end) * (fit.theta[k] - end) < 0 for end in ends)
+        low, high = estimates[k].low, estimates[k].high
+        return (low is not None and value < low) or (high is not None and value > high)
 
     for other in stage.others:
         # at an end of a range is none: a valley without an end has no second minimum

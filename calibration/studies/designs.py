@@ -340,9 +340,8 @@ def _table(plans: Sequence[Plan], velocity: Column) -> Matrices:
 def _grid(plans: Sequence[Plan], low: float, high: float) -> Column:
     """Velocities between the bounds, equally spaced on two scales, denser around yield."""
     yields = np.array([yield_velocity(plan.material.law) or 0.0 for plan in plans])
-    near = np.outer(yields, [*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)]).ravel()
-    inside = near[(low < near) & (near < high)]
-    return np.unique([*np.linspace(low, high, SPREAD), *np.geomspace(low, high, SPREAD), *inside])
+    near = np.clip(np.outer(yields, [*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)]).ravel(), low, high)
+    return np.unique([*np.linspace(low, high, SPREAD), *np.geomspace(low, high, SPREAD), *near])
 
 
 def _sought(

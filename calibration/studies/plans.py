@@ -448,9 +448,10 @@ def _sentence(symbols: Sequence[str], direction: np.ndarray, error: float, facto
 
     A letter of a small exponent matters where its own error is large.
     """
-    exponents, decimals = np.where(np.abs(direction) > TAKES_PART, direction, 0.0).round(2), 2
+    large = np.where(np.abs(direction) > TAKES_PART, direction, 0.0)
+    tries = [(x.round(k), k) for x, k in ((large, 2), *((direction, k) for k in range(2, 9)))]
+    exponents, decimals = tries[0]
     if error < UNDETERMINED:
-        tries = [(exponents, 2), *((direction.round(k), k) for k in range(2, 9))]
         enough = (t for t in tries if np.linalg.norm(factor @ t[0]) < ROUNDED * error)
         exponents, decimals = next(enough, tries[-1])
     powers = {s: float(x) for s, x in zip(symbols, exponents, strict=True) if x}

@@ -286,6 +286,9 @@ def test_law_scatter_and_intervals_are_those_of_weighted_least_squares(six):
     mean = c1 + c2 * RATIOS
     variance = error**2 + (line.scatter * mean) ** 2
     assert np.sum((chi - mean) ** 2 / variance) == pytest.approx(4.0, rel=1e-6)  # n - 2
+    exact = replace(line.materials[0], chi_error=None)
+    assert line.has_noise
+    assert not replace(line, materials=(exact, *line.materials[1:])).has_noise
     low, high = np.sqrt(4 / stats.chi2.ppf([0.999, 0.001], 4)) * SCATTER
     assert low < line.scatter < high
     # a material's deviation moves c as it moves the line of weighted least squares

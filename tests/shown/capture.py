@@ -81,9 +81,11 @@ def looks(figure: Figure) -> list[str]:
     rounded = lambda *numbers: " ".join(f"{x:.4g}" for x in np.hstack([*numbers, []]) + 0.0)  # noqa: E731
     rows = [rounded(figure.get_size_inches()) + f" {figure.get_suptitle()}"]
     for x in (*figure.legends, *(ax.get_legend() for ax in figure.axes)):
-        rows += (
-            [f"legend in {x._ncols}: {[text.get_text() for text in x.get_texts()]}"] if x else []
-        )
+        if x:
+            (left, up), (width, height) = x.parent.bbox.min, x.parent.bbox.size
+            place = x.get_bbox_to_anchor().min - (left, up)
+            texts = [text.get_text() for text in x.get_texts()]
+            rows.append(f"legend in {x._ncols} at {rounded(place / (width, height))}: {texts}")
     for ax in figure.axes:
         parts = [rounded(ax.get_subplotspec().get_geometry()[:3]), ax.get_title()]
         for axis in (ax.xaxis, ax.yaxis):

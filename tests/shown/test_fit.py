@@ -424,14 +424,23 @@ def test_residuals_of_groups_have_colours_and_markers(tmp_path):
     assert legend(figures["curves.png"])[-1] == "one marker for each group"
 
 
+def test_long_lists_are_cut_and_say_how_much_is_left_out():
+    """One group and one outlier more than are listed."""
+    group, random = np.repeat(np.arange(21), 6), np.random.default_rng(1)
+    e = 0.8 + 0.02 * random.standard_normal(21)[group] + 0.001 * random.standard_normal(126)
+    e[:66:6] += np.linspace(0.006, 0.009, 11)
+    data = cal.RestitutionData(np.linspace(1, 9, 126), e, None, 0.001, group=[*map(str, group)])
+    as_recorded("long lists", {"printed": str(cal.fit(data, "constant", profiles=False))})
+
+
 def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(tmp_path):
-    """0.01 off: a ring; 0.6 off, below or above: an arrow at the edge of both panels."""
+    """0.01 off: a ring; much more, below (by decades) or above: an arrow at the edge of both panels."""
     v = np.geomspace(0.5, 5.0, 12)
     e = 0.9 + 0.001 * (-1.0) ** np.arange(12)
-    e[[3, 7]] = 0.91, 0.3
+    e[[3, 7]] = 0.91, 0.01
     data = [cal.RestitutionData(v, e, uncertainty=0.001, name="a")]
     data.append(
-        cal.RestitutionData(20 * v**2, abs(e - 0.2 - 0.9 * (e < 0.5)), None, 0.001, name="b")
+        cal.RestitutionData(20 * v**2, abs(e - 0.2 - 0.6 * (e < 0.5)), None, 0.001, name="b")
     )
     result = cal.fit(data, "constant", noise="student-t", profiles=False)
     made = reported(result, tmp_path)

@@ -341,14 +341,17 @@ def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overl
     names = [f"p{k}" for k in range(16)]
     last = posterior_figure(drawn(**dict.fromkeys(names[:8], (3e8, 1e6)))).axes[-1]
     assert last.xaxis.get_major_formatter()(3.05e8, None) == "3.05e+08"
+    assert last.get_xlabel() == "p7"  # no letter of a formula
     labels = dict(zip(names, names, strict=True))
     material = SimpleNamespace(name="a", labels=labels, model=decay.materials[0].model)
     result = SimpleNamespace(materials=[material], estimates={})
-    result.covariance_names, result.correlations = names, np.full((16, 16), 0.5)
-    figure = correlation_figure(result)
-    assert figure.get_figwidth() <= 6.4
-    assert figure.axes[0].images[0].get_array().shape == (16, 16)
-    assert not figure.axes[0].texts  # no room
+    for count, numbers in ((16, 0), (10, 100)):  # in squares with room for them
+        result.covariance_names = names[:count]
+        result.correlations = np.full((count, count), 0.5)
+        figure = correlation_figure(result)
+        assert figure.get_figwidth() <= 6.4
+        assert figure.axes[0].images[0].get_array().shape == (count, count)
+        assert len(figure.axes[0].texts) == numbers
     owners = ("aluminium alloy 7075", "stainless steel 316")
     names = [f"p{k}[{owner}]" for owner in owners for k in range(4)]
     figure = posterior_figure(drawn(**dict.fromkeys(names, (0.3, 0.1))))
