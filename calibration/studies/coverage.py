@@ -88,6 +88,8 @@ class Coverage:
         converged: share of the fits that did.
         covered: share of the intervals that contain the truth; an open end contains all on its side.
         without_interval: share of the fits without any (at a bound, or not determined): not counted.
+        without_error: share of those whose tables print no standard error: besides these, where the likelihood is
+            skewed. Where it is large, `ratio` is that of errors that are not printed.
         spread: standard deviation of the estimates that have a standard error.
         error: root mean square of the standard errors.
         ratio: standard error over the actual spread.
@@ -103,6 +105,7 @@ class Coverage:
     converged: float
     covered: Mapping[str, float]
     without_interval: Mapping[str, float]
+    without_error: Mapping[str, float]
     spread: Mapping[str, float]
     error: Mapping[str, float]
     ratio: Mapping[str, float]
@@ -145,11 +148,13 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
         for material in result.materials:
             converged += material.converged
             label = "{}" if len(several) == 1 else f"{{}}[{material.name}]"
-            estimates = (result.estimates[label.format(name)] for name in truth)
-            rows.append([(e.value, e.standard_error, e.low, e.high) for e in estimates])
+            estimates = [result.estimates[label.format(name)] for name in truth]
+            rows.append(
+                [(e.value, e.standard_error, e.low, e.high, e.printed_error) for e in estimates]
+            )
         if progress is not None:
             progress(case.name, len(rows), sets)
-    x, errors, low, high = np.array(rows, float).transpose(2, 1, 0)  # None becomes NaN
+    x, errors, low, high, printed = np.array(rows, float).transpose(2, 1, 0)  # None becomes NaN
     is_open = np.isnan(low) & np.isnan(high)
     true = np.array(list(truth.values()), float)[:, None]
     inside = np.where(is_open, np.nan, ~(low > true) & ~(high < true))
@@ -158,7 +163,8 @@ def _study(case: CoverageCase, sets: int, seed, confidence: float, progress: Any
         warnings.simplefilter("ignore", RuntimeWarning)  # no set determines it, or it is one set
         covered, error = np.nanmean(inside, axis=1), np.nanmean(errors**2, axis=1) ** 0.5
         spread, bias = np.nanstd(known, axis=1), np.nanmean(known - true, axis=1) / error
-        statistics = covered, np.mean(is_open, axis=1), spread, error, error / spread, bias
+        missing = np.mean(is_open, axis=1), np.mean(np.isnan(printed), axis=1)
+        statistics = covered, *missing, spread, error, error / spread, bias
     x, errors, low, high = (dict(zip(truth, a, strict=True)) for a in (x, errors, low, high))
     shares = (dict(zip(truth, column.tolist(), strict=True)) for column in statistics)
     return Coverage(case.name, truth, x, errors, low, high, converged / sets, *shares)
