@@ -12,12 +12,12 @@ from scipy.optimize import least_squares
 
 import calibration as cal
 import softjax as sj
-from calibration import cli
+from calibration import cli, plots
 from tests import fit_oracle
 from tests.command import run
 from tests.fit_data import TRUTH, eq_17_data, pair
 from tests.fit_oracle import own_model
-from tests.shown.capture import as_recorded, band, bars, drawn, line
+from tests.shown.capture import as_recorded, band, bars, drawn, labels, line
 
 # found independently by least squares on the energy balance
 CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
@@ -448,6 +448,10 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
         assert cli.main(words) == 0
     line_is_drawn(figures["line.png"], result)
     as_recorded("without data", figures)
+    low = -1.2 * result.unloading_line.c2.value * RATIOS[-1]  # no χ̃ at the lowest E/Y
+    falls = replace(result.unloading_line, c1=replace(result.unloading_line.c1, value=low))
+    (ax,) = plots.unloading_line_figure(falls).axes
+    assert any(label.startswith("95 %, of a further material") for label in labels(ax))
     printed, error = capsys.readouterr()
     assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in printed
     (remark,) = re.findall(

@@ -287,7 +287,11 @@ def plus_minus(cell: str) -> tuple[str, str]:
         (1.7944, 0.0996, "1.79 ± 0.10"),  # 0.0996 is 0.10, not 0.100
         (12345.6, 7.8, "12345.6 ± 7.8"),
         (1.93e11, 1.23e9, "(1.930 ± 0.012)e11"),
+        (123456.0, 1040.0, "123500 ± 1000"),
+        (1234567.0, 1040.0, "(1.2346 ± 0.0010)e6"),
+        (2e-4, 3e-5, "0.000200 ± 0.000030"),
         (2e-5, 3e-6, "(2.00 ± 0.30)e-5"),
+        (1.793254, 5.2e-5, "1.793254 ± 0.000052"),
         (0.0, 0.1, "0.00 ± 0.10"),
         (-0.0, None, "0"),
         (3.0432, 1e-7, "3.0432 ± 1e-07"),  # not more digits than can be meant
@@ -298,6 +302,27 @@ def plus_minus(cell: str) -> tuple[str, str]:
 )
 def test_a_value_is_rounded_to_its_error(value, error, text):
     assert str(cal.Estimate(value, error)) == text
+
+
+def test_an_interval_is_rounded_to_the_standard_error():
+    fit = cal.fit(cal.RestitutionData(VELOCITY, MADE, None, 0.01), "constant", profiles=False)
+    for low, high, error, text in (
+        (1.69, 1.9, 0.052, "1.690 … 1.900"),
+        (None, 1.9, 0.052, "open … 1.900"),
+        (1.69, None, 0.052, "1.690 … open"),
+        (None, None, 0.052, None),
+        (-0.5, 0.5, 0.25, "-0.50 … 0.50"),
+        (1.23e-4, 1.9, 0.052, "0.00012 … 1.900"),  # far below the error: not 0
+        (0.0, 1.9, 0.052, "0.000 … 1.900"),
+        (2.9e7, 3.1e7, 1e6, "2.90e7 … 3.10e7"),
+        (1.5, 1.5 + 1e-10, 1e-10, None),
+        (1.69, 1.9, None, "1.69 … 1.9"),
+    ):
+        estimate = replace(fit.estimates["restitution"], low=low, high=high, standard_error=error)
+        material = replace(fit.material(), parameters={"restitution": estimate})
+        words = " ".join(str(replace(fit, materials=(material,))).split())
+        found = re.search(r"\(95 % interval (.*?)\), rms", words)
+        assert (found and found[1]) == text
 
 
 def test_very_many_materials_are_drawn_as_far_as_anybody_reads(tmp_path):
@@ -428,7 +453,7 @@ def test_long_lists_are_cut_and_say_how_much_is_left_out():
     """One group and one outlier more than are listed."""
     group, random = np.repeat(np.arange(21), 6), np.random.default_rng(1)
     e = 0.8 + 0.02 * random.standard_normal(21)[group] + 0.001 * random.standard_normal(126)
-    e[:66:6] += np.linspace(0.006, 0.009, 11)
+    e[:60:6] += np.linspace(0.006, 0.009, 10)
     data = cal.RestitutionData(np.linspace(1, 9, 126), e, None, 0.001, group=[*map(str, group)])
     as_recorded("long lists", {"printed": str(cal.fit(data, "constant", profiles=False))})
 

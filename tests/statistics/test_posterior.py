@@ -352,6 +352,12 @@ def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overl
         assert figure.get_figwidth() <= 6.4
         assert figure.axes[0].images[0].get_array().shape == (count, count)
         assert len(figure.axes[0].texts) == numbers
+    flat = cal.RestitutionData(MEASURED, 0.9 + 0 * MEASURED, uncertainty=0.01)
+    other = cal.fit(flat, "constant", profiles=False).materials[0].model
+    result.materials.append(SimpleNamespace(name="b", model=other))
+    figure = posterior_figure(drawn(**{"level[a]": (1, 1), "restitution[b]": (1, 1)}), result)
+    labels = [ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()]
+    assert labels == ["$a$\na", "$\\varepsilon$\nb"]  # each by its own law
     owners = ("aluminium alloy 7075", "stainless steel 316")
     names = [f"p{k}[{owner}]" for owner in owners for k in range(4)]
     figure = posterior_figure(drawn(**dict.fromkeys(names, (0.3, 0.1))))

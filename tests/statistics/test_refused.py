@@ -136,7 +136,7 @@ REFUSED = [
     (lambda: information(parameters=dict.fromkeys(("chi", "sigma", "psi"), Free(free=False))), "none"),
     (lambda: information(sensors={"contact_tim": 0.1}), r"`sensors` must be of contact_time.*did you mean"),
     (lambda: information(sensors={"contact_time": 0}), "must be a positive relative uncertainty, but is 0"),
-    (lambda: information(above(), [0.5 * CRITICAL]), "where this fit knows the law"),
+    (lambda: information(above(), [0.5 * CRITICAL]), f"must be {CRITICAL:.4g} m/s or more, where this fit knows the law"),
     (lambda: information(quick(), [2.0], parameters={"restitution": 0.9}), "`parameters` must be left out"),
     *((lambda f=f, a=a: f(two_step(), *a), "`objective` must be model: .*but is two-step") for f, *a in AT_3),
     *((lambda f=f, a=a: f(of_several_contacts(), *a), "`contact` must be one for all impacts") for f, *a in AT_3),
