@@ -32,7 +32,10 @@ def run(*argv) -> tuple[int, str, str]:
     """Exit code, standard output and standard error of one command line."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = cli.main([str(word) for word in argv])
+        try:
+            code = cli.main([str(word) for word in argv])
+        except SystemExit as stop:  # of help, and of what the parser refuses
+            code = int(stop.code or 0)
     return code, out.getvalue(), err.getvalue()
 
 

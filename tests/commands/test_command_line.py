@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from calibration import cli
 from tests.command import noisy, run, write_alloy
 from tests.shown.capture import as_recorded
 
@@ -110,23 +109,15 @@ def files(tmp_path_factory, above_yield):
     return {"ALLOY": str(alloy), "FIT": above_yield[1], "EMPTY": ""}
 
 
-def exit_code(argv) -> int:
-    try:
-        return cli.main(argv)
-    except SystemExit as stop:
-        return int(stop.code or 0)
-
-
-def check(argv, blamed, capsys):
-    code = exit_code(argv)
-    out, err = capsys.readouterr()
+def check(argv, blamed):
+    code, out, err = run(*argv)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert all(part in err for part in blamed.split("|")), err
 
 
 @pytest.mark.parametrize("words", REFUSED)
-def test_unusable_command_lines_are_refused(words, files, capsys, at):
-    check([files.get(word, word) for word in words.split()], REFUSED[words], capsys)
+def test_unusable_command_lines_are_refused(words, files, at):
+    check([files.get(word, word) for word in words.split()], REFUSED[words])
     assert list(at.iterdir()) == []
 
 
@@ -155,7 +146,7 @@ def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, caps
     command, *more = words.split()
     more += [] if command == "fit" or "thornton" in more else ["--sigma", "1", "--psi", "0.5"]
     file = str(write_alloy(at, settings, below=below))
-    check([command, file, *more], blamed, capsys)
+    check([command, file, *more], blamed)
     assert not (at / "results").exists()
 
 
@@ -205,14 +196,14 @@ def test_common_options_stand_before_or_after_the_command(argv, at):
     assert [str(path.relative_to(at)) for path in at.rglob("*.csv")] == ["there/curve.csv"]
 
 
-def test_the_help_of_every_command_is_that_which_is_recorded(capsys, monkeypatch):
+def test_the_help_of_every_command_is_that_which_is_recorded(monkeypatch):
     """Options with their words and defaults, those of all commands, exit codes."""
     monkeypatch.setenv("COLUMNS", "9999")  # no word is parted
     texts = {}
     for name in ("", *COMMANDS):
-        assert exit_code([*name.split(), "--help"]) == 0
-        texts[name] = capsys.readouterr().out.partition("\n\n")[2]  # Pythons differ in the usage
-        assert "default: None" not in texts[name]
+        code, out, _ = run(*name.split(), "--help")
+        texts[name] = out.partition("\n\n")[2]  # Pythons differ in the usage
+        assert (code, "default: None" in out) == (0, False)
     as_recorded("help", texts, exactly=True)
 
 

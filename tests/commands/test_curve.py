@@ -72,7 +72,6 @@ def test_every_format_has_the_same_float64_and_statuses_are_written_by_name(at):
     out = at / "results"
     assert rows_of(out / "curve.csv")[0] == ["velocity [m/s]", "restitution", "status"]
     agrees(at, fitted("nylon"), rtol=1e-14)
-    assert (out / "curve.png").read_bytes()[:4] == b"\x89PNG"
     words = ["--chi", 0.016, "--from", 0.5, "--to", 3, "--points", 2, "--format", "csv", "png"]
     curve("nylon", *words)
     (*_, first), (*_, last) = rows_of(at / "results" / "curve.csv")[1:]

@@ -22,10 +22,6 @@ def saved(*options: str) -> dict:
     return json.loads(Path("results/sensitivity.json").read_text(encoding="utf-8"))
 
 
-def files() -> set[str]:
-    return {path.name for path in Path("results").iterdir()}
-
-
 UNLIKE = (
     BODIES.replace("radius = 0.0127", "radius_1 = 0.006\nradius_2 = 0.004\ndata = 'd.csv'")
     + """
@@ -74,10 +70,8 @@ def test_parameters_are_freed_and_fixed_as_requested(at):
     assert open_["standard_errors"]["contact.yield_strength"] > 4e5
 
 
-def test_the_design_follows_its_options(at, capsys):
+def test_the_design_follows_its_options(at):
     plain = saved(*DESIGN)["design"]
-    assert files() == {"sensitivity.json", "design.png", "design.csv"}
-    assert "Best shots: " in capsys.readouterr().out
     assert sum(place["shots"] for place in plain["support"]) == 6
     assert plain["gain"] > 1
     assert plain["bounds"] == [2.0, 60.0]
@@ -127,15 +121,12 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
     assert known["before"]["dissipation_time"] == pytest.approx(error, rel=1e-3)
 
 
-def test_global_indices_follow_their_options(at, capsys):
+def test_global_indices_follow_their_options(at):
     ranges = ("--range", "chi=0.1:0.4", "--range", "density=1100:1200")
     wide = saved(*GLOBAL, *ranges)["global"]
-    assert files() == {"sensitivity.json", "sobol.png"}
-    assert "Sobol indices, first (total) at v [m/s]" in capsys.readouterr().out
     assert wide["inputs"] == ["chi", "density"]
     assert (wide["samples"], wide["velocity"]) == (64, [20.0])
     assert wide["total"][0][0] > 0.9  # of a range so wide
-    assert saved(*GLOBAL, *ranges)["global"] == wide
     other = saved(*GLOBAL, *ranges, "--seed", "5")["global"]
     assert other["mean"] != wide["mean"]
     log = saved(*GLOBAL, *ranges, "--scale", "log")["global"]

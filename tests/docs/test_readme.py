@@ -4,14 +4,12 @@ import contextlib
 import io
 import re
 from dataclasses import fields
-from functools import cache
 from pathlib import Path
 
 import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration import cli
 from notebooks.reference import links, names, site
 from tests.command import run
 from tests.docs.test_notebooks import NUMBER, assert_alike
@@ -93,17 +91,9 @@ def accepted(words) -> bool:
     name, *rest = words
     if name not in COMMANDS:
         return False
-    text = helped(name)
+    text = run(name, "--help")[1]
     options = [word.partition("=")[0] for word in rest if word.startswith("--")]
     return all(re.search(rf"(?<!\S){re.escape(option)}\b", text) for option in options)
-
-
-@cache
-def helped(name) -> str:
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.suppress(SystemExit):
-        cli.main([name, "--help"])
-    return out.getvalue()
 
 
 def test_material_files_are_read(tmp_path):
@@ -172,7 +162,7 @@ def test_every_option_of_a_command_is_told(command):
     names = [name for name in sections if name.startswith(f"`softjax {command}")]
     names += ["Velocities and files"] * (command == "curve")
     section = "".join(sections[name] for name in names)
-    options = set(re.findall(r"(?<!\S)(--[a-z0-9-]+)", helped(command)))
+    options = set(re.findall(r"(?<!\S)(--[a-z0-9-]+)", run(command, "--help")[1]))
     documented = set(re.findall(r"`(--[a-z0-9-]+)", common + section))
     assert options - documented == {"--help"}
 
