@@ -68,7 +68,9 @@ def test_a_grid_is_spaced_as_stated_and_has_both_ends(spacing, ends, expected, a
 def test_every_format_has_the_same_float64_and_statuses_are_written_by_name(at):
     """Nylon with the printed χ̃ gains energy and keeps no overlap; below yield it is elastic."""
     words = ["nylon", "--from", 0.5, "--to", 20, "--points", 12, "--spacing", "log"]
-    assert "χ̃ = 0.21998" in curve(*words, "--format", "csv", "png")
+    for name in (*FITTED, "nylon"):
+        said = curve(name.replace(" ", "-"), *words[1:], "--format", "csv", "png")
+        assert f"χ̃ = {FITTED[name]['chi']:g} as softjax fit finds it\n12 velocities" in said
     out = at / "results"
     assert rows_of(out / "curve.csv")[0] == ["velocity [m/s]", "restitution", "status"]
     agrees(at, fitted("nylon"), rtol=1e-14)
@@ -218,7 +220,8 @@ def test_a_table_has_durations_overlaps_and_forces_where_there_is_a_force(at):
         assert duration == pytest.approx(2.9432751843 * deepest / velocity, rel=1e-9)
         assert force == pytest.approx(stiffness * deepest**1.5, rel=1e-12)
     assert found[1, 4] == pytest.approx(0.5**0.8 * depth, rel=1e-12)
-    curve(*CONSTANT, "--from", 1, "--to", 2, "--points", 2, "--spacing", "lin", "--table")
+    words = ["--from", 1, "--to", 2, "--points", 2, "--spacing", "lin", "--table"]
+    assert "\n2 velocities, 1 to 2 m/s\n" in curve(*CONSTANT, *words)
     header, found = table(at)
     assert header[-1] == "# velocity[m/s] restitution"
     np.testing.assert_array_equal(found, [[1.0, 0.75], [2.0, 0.75]])

@@ -214,10 +214,13 @@ def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
 
 def test_files_say_what_the_data_do_not_determine_however_fast_the_range(tmp_path, above_yield):
     result, _ = above_yield
-    options = {"velocity_range": (20.0, 40.0), "law": "exact", "steps": 50}
+    options = {"velocity_range": (20.0, 40.0), "law": "exact", "steps": 50, "on_wall": True}
     said = f"Below {float(result.law.contact.critical_velocity):.4g} m/s the data do not determine"
-    made = cal.export(result, "c", tmp_path, tolerance=0.1, **options)
+    made = cal.export(result, "c", tmp_path, tolerance=0.1, radius=0.02, **options)
     assert f"{said} ε." in made.warnings
+    report = made.to_dict()  # what is stated goes before what the fit knows
+    assert report["bodies"] == "a ball on a flat wall"
+    assert report["radius"] == {"value": 0.02, "of": "sphere's"}
     assert f"{said} eps." in (tmp_path / "softjax_law.h").read_text(encoding="utf-8")
 
 

@@ -72,8 +72,9 @@ def record_export(numbers, made, folder, name):
     numbers.physics(f"{name}time step", made.time_step)
     numbers.physics(f"{name}error of dissipated energy", made.energy_error, 1e-6, 1e-9)
     numbers.physics(f"{name}largest overlap", made.overlap)
-    errors = [made.choice.error, made.choice.steps.error, made.choice.hold_error]
-    numbers.physics(f"{name}errors of law, time step and held ε", errors, 1e-5, 1e-9)
+    steps, errors = made.choice.steps, [made.choice.error, made.choice.hold_error]
+    errors += [steps.error, steps.order]
+    numbers.physics(f"{name}errors of law, held ε and time step, its order", errors, 1e-5, 1e-9)
     for file in made.files:
         if file.endswith((".py", ".h")) or file == "in.softjax":
             text = (folder / file).read_text(encoding="utf-8")

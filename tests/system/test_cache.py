@@ -92,7 +92,7 @@ def test_time_integration_is_kept_too(tmp_path):
     assert programs(tmp_path) == kept
 
 
-def test_doctor_has_versions_and_checks_itself_by_narrow_limits(at):
+def test_doctor_has_versions_and_checks_itself_by_narrow_limits(at, monkeypatch):
     """Each error is below its own limit, which no error of the physics would pass."""
     code, out, error = run("doctor", "--no-cache")
     assert (code, error) == (0, "")
@@ -109,6 +109,9 @@ def test_doctor_has_versions_and_checks_itself_by_narrow_limits(at):
         assert allowed == most
         assert 0 < float(found) <= float(most)
     assert run("doctor", "--quiet") == (0, "", "")
+    monkeypatch.setattr(jax, "jacfwd", lambda _: lambda theta: 0 * theta[:1, None])
+    assert run("doctor", "--quiet") == (1, "", "softjax doctor: the self-check failed\n")
+    assert "self-check FAILED" in run("doctor")[1]
     assert list(at.iterdir()) == []
     out = subprocess.check_output([sys.executable, "-m", "calibration", "--version"], text=True)
     assert out == f"softjax-contact {metadata.version('softjax-contact')}\n"
