@@ -12,6 +12,7 @@ import sys
 import pytest
 
 import calibration as cal
+import softjax as sj
 from calibration import cli
 from tests.shown.capture import drawn
 
@@ -62,13 +63,19 @@ def test_no_line_is_wider_than_the_terminal_and_progress_is_for_terminals(shown,
 
 
 def test_a_fit_in_python_shows_its_stages(monkeypatch):
-    """`progress=True`: a bar on a terminal, a line a stage in a pipe or a notebook; else nothing."""
+    """`progress=True`: a bar on a terminal, a line a stage in a pipe or a notebook; else nothing. Streams stay."""
     data = cal.RestitutionData([1.0, 2.0, 3.0, 4.0], [0.8, 0.81, 0.79, 0.8])
+
+    def law(restitution):
+        assert (sys.stdout, sys.stderr) == (out, error)
+        return sj.ConstantRestitution(None, restitution)
+
+    out, start = sys.stdout, {"restitution": cal.Parameter(0.8, bounds=(0.01, 1))}
     monkeypatch.setenv("TERM", "xterm")
     found = []
     for error, progress in ((Screen(), True), (io.StringIO(), True), (Screen(), False)):
         with contextlib.redirect_stderr(error):
-            cal.fit(data, "constant", progress=progress)
+            cal.fit(data, law, start, progress=progress)
         found.append(error.getvalue())
     bar, lines, nothing = found
     assert lines.splitlines() == ["fit ...", "profiles ..."]
