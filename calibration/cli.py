@@ -151,8 +151,8 @@ def _parsed(argv: Sequence[str]) -> tuple[str, Any, argparse.Namespace]:
     at = next(words, len(argv))
     name = "".join(argv[at : at + 1])
     if name not in COMMANDS:
-        width = max(map(len, COMMANDS)) + 2
-        lines = ["commands:", *(f"  {name:<{width}}{what}" for name, what in COMMANDS.items())]
+        width = max(map(len, COMMANDS))
+        lines = ["commands:", *(f"  {name:<{width}}  {what}" for name, what in COMMANDS.items())]
         lines += ["", CODES, "", "softjax COMMAND --help lists the options."]
         what = "Soft-sphere collisions after Zhou (2013), calibrated from rebounds."
         top = _parser("softjax", what, "\n".join(lines), usage="softjax COMMAND [options]")

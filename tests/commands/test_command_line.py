@@ -113,11 +113,15 @@ def check(argv, blamed):
     code, out, err = run(*argv)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert all(part in err for part in blamed.split("|")), err
+    return err
 
 
 @pytest.mark.parametrize("words", REFUSED)
 def test_unusable_command_lines_are_refused(words, files, at):
-    check([files.get(word, word) for word in words.split()], REFUSED[words])
+    err = check([files.get(word, word) for word in words.split()], REFUSED[words])
+    if "--help lists" not in err:  # which are the parser's own, another Python has others
+        err = err.replace(str(files["FIT"]), "FIT").replace(files["ALLOY"], "ALLOY")
+        as_recorded(f"refused: {words}", {"error": err}, exactly=True)
     assert list(at.iterdir()) == []
 
 

@@ -104,7 +104,8 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
     np.testing.assert_allclose(data.fall.height(data.velocity), drop, rtol=1e-9)
     assert data.fall.diameter == pytest.approx(2 * 0.0127)
     plan = ("--fit", "fitted/fit.json", "--shots", "2")
-    both = saved(*plan, "--study", "design", "--sensor", "contact_time=2%")
+    sensors = ("--sensor", "contact_time=2%", "--sensor", "penetration=0.03")
+    both = saved(*plan, "--study", "design", *sensors)
     assert both["design"]["without_sensors"].keys() == both["design"]["relative_errors"].keys()
     header, *lines = Path("results/design.csv").read_text(encoding="utf-8").splitlines()
     assert header == "velocity [m/s],shots,drop height [cm]"
@@ -114,7 +115,7 @@ def test_plans_of_drops_are_in_their_unit_and_air_and_say_what_is_known_now(at, 
         assert height == pytest.approx(np.interp(v, data.velocity, drop), rel=0.05)
         assert f"{shots:g} from {height:g} cm" in out
     assert " now," in out
-    assert "with contact_time to 2 % in each impact (without): A: " in out
+    assert "with contact_time to 2 %, peak_overlap to 3 % in each impact (without): A: " in out
     known = saved(*plan, "--study", "information")["information"]
     result = cal.FitResult.load("fitted/fit.json")
     error = result.standard_errors["dissipation_time"] / result.values["dissipation_time"]

@@ -33,7 +33,7 @@ def text(name, folder="results"):
 
 
 def test_a_fit_is_exported_material_by_material(at):
-    """Over the velocities of its data; beyond them the curve is the law's alone, and said to be."""
+    """Over the velocities of its data; beyond them, by a thousandth, the curve is said to be the law's alone."""
     sets = []
     for name, ends in (("stainless steel", (0.1, 3)), ("nylon", (1.5, 20))):
         law, v = sj.ViscoelasticHertz(pair(name), 1e-6), np.geomspace(*ends, 24)
@@ -42,16 +42,16 @@ def test_a_fit_is_exported_material_by_material(at):
     fit = cal.fit(sets, "viscoelastic", profiles=False, starts=1)
     fit.save("fit.json")
     options = ("--fit", "fit.json", "--to", "c", "--tolerance", "0.05", "--quiet")
-    for data in sets:
-        export(*options, "--material", data.name)
-        made = report()
+    for data, stated in zip(sets, ((), ("--range", "1.4986:20.019")), strict=True):
+        export(*options, "--material", data.name, *stated)
+        made, ends = report(), [data.velocity[0], data.velocity[-1]]
         assert made["material"] == data.name
-        assert made["velocity_range"] == pytest.approx([data.velocity[0], data.velocity[-1]])
+        assert made["velocity_range"] == pytest.approx(ends, rel=1e-3 if stated else 1e-9)
         assert not any(warning.startswith("Measured") for warning in made["warnings"])
         law = sj.ViscoelasticHertz(data.contact, 1e-6)
         exact = sj.restitution(law, np.array(made["curve"]["velocity"])).coefficient
         np.testing.assert_allclose(made["curve"]["requested"], exact, atol=1e-6)
-    code, out, _ = run("export", *options[:-1], "--material", "nylon", "--range", "1.5:21")
+    code, out, _ = run("export", *options[:-1], "--material", "nylon", "--range", "1.5:20.021")
     assert code == 0
     codes = dict.fromkeys(d.code for d in fit.material("nylon").warnings)
     expected = ["Measured: 1.5 to 20 m/s. Outside, ε is that of the law."]
