@@ -51,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    import numpy as np
+
     import softjax as sj
     from calibration.commands.source import read_source, route_of
     from calibration.curves import curve_of, with_knots
@@ -74,6 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
         text = f"of {len(velocity)} velocities {missing} are left empty"
         text = f"{text}; the data determine {_determined(source)}"
         print(f"warning: not-determined: {text}", file=sys.stderr)
+    if rows.low is not None and (free := int(sum(np.isnan(rows.low)) - missing)):
+        text = f"the interval of ε is left empty at {free} of {len(velocity)} velocities"
+        text = f"{text}: there it depends on parameters that the data do not determine"
+        print(f"warning: rank-deficient: {text}", file=sys.stderr)
     if (beyond := source.extrapolation(velocity)) is not None:
         print(f"warning: {beyond}", file=sys.stderr)
     if not arguments.quiet:

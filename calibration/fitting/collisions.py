@@ -53,6 +53,15 @@ class LawShape(NamedTuple):
         shared = tuple(getattr(path[0], "name", "") in fields for path, _ in paths)
         return cls(tree, names, shared, law.default_route())
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By a law of this structure: in a copy of the structure itself Equinox does not know its own marks."""
+        law = jax.tree.unflatten(self.tree, [0.0] * len(self.names))
+        return _shape, (law, *self[1:])
+
+
+def _shape(law: sj.ContactLaw, *others: Any) -> LawShape:
+    return LawShape(jax.tree.structure(law), *others)
+
 
 @dataclass(frozen=True)
 class Laws:

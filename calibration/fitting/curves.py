@@ -5,7 +5,7 @@ drop from a height, a pair of velocities, a bounce, or an ε with uncertainties 
 comes from the code that reads measured ones, at its velocity and the ε of the curve.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -34,6 +34,9 @@ LEAST_SLOPE = 1e-3  # of ln t in ln E, below which contact times do not depend o
 STEP = 1e-4  # of a velocity, in the differences that give dε/dv
 SLOWEST = 1e-6  # of the highest velocity: nothing is dropped from no height
 LEAST_REBOUND = 1e-3  # of ε, of a bounce that is planned
+NO_VARIANCE = 1e-12  # of the largest, below which that of a direction is none
+HIDDEN = 1e-3  # of a slope, from which on a part along what is not determined counts
+MOVES = 1e-6  # of a prediction, by a parameter that acts on no point
 ALIKE = 1e-3  # relative spread up to which stated uncertainties count as equal
 
 Velocity = Float[np.ndarray, "n"]
@@ -100,6 +103,7 @@ def band(
     covariance = result.of_predictions[np.ix_(rows, rows)]
     block = block_name(material.name, observable)
     freedom = freedom_of(result.freedoms, material.name, labels)
+    hidden = _Hidden.of(result)
     route = result.request.route_of_curve(material.model.law_type)
     is_eps, further = observable == RESTITUTION, kind == "prediction"
     if further and observable not in material.measured:
@@ -110,6 +114,7 @@ def band(
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
         value, slope = curve_and_slopes(material, velocity, route, observable)
         carried = np.maximum(np.einsum("ni,ij,nj->n", slope, covariance, slope), 0.0)
+        carried[hidden.moves(value, slope, rows)] = np.nan
         degrees = freedom.degrees(labels, slope, carried, block, {})
         reach = quantile(confidence, degrees) * np.sqrt(carried)
         if not further:
@@ -127,6 +132,42 @@ def band(
         return value, value - reach, value + reach, error
 
     return band_of(material, velocity, kind, parts)
+
+
+class _Hidden(NamedTuple):
+    """Directions of the parameters that the data do not determine.
+
+    Those of a network are left out: it has more weights than points, and follows the points all the same.
+    """
+
+    size: Float[np.ndarray, " p"]  # unit of each parameter that is part of one, else 0
+    directions: Float[np.ndarray, "p n"]  # in these units, orthonormal
+    alone: Float[np.ndarray, " p"]  # |θ| of each that acts on no point, else 0
+
+    @classmethod
+    def of(cls, result: Any) -> "_Hidden":
+        """From the covariance, which has no variance along them."""
+        estimates = [result.estimates.get(name) for name in result.covariance_names]
+        variance = np.diagonal(result.of_predictions)
+        left_out = ~np.isfinite(np.diagonal(result.covariance))
+        left_out &= np.array([e is not None for e in estimates], bool)  # no weights of a network
+        size = np.where(left_out, np.sqrt(variance), 0.0)
+        value = [abs(e.value or 0.0) if e and not e.at_bound else 0.0 for e in estimates]
+        alone = np.where(left_out & (size == 0), value, 0.0)
+        some = np.flatnonzero(size)
+        directions = np.zeros((len(size), len(some)))
+        if len(some):
+            block = result.of_predictions[np.ix_(some, some)] / np.outer(size[some], size[some])
+            values, vectors = np.linalg.eigh(block)
+            directions[some] = vectors * (values < NO_VARIANCE * values[-1])
+        return cls(size, directions, alone)
+
+    def moves(self, value: Velocity, slope: Any, rows: Sequence[int]) -> np.ndarray:
+        """Where they move the curve, which has the slopes `slope` in the parameters of `rows`."""
+        scaled = slope * self.size[rows]
+        part = np.linalg.norm(scaled @ self.directions[rows], axis=1)
+        alone = np.max(np.abs(slope) * self.alone[rows], axis=1, initial=0.0)
+        return (part > HIDDEN * np.linalg.norm(scaled, axis=1)) | (alone > MOVES * np.abs(value))
 
 
 def band_of(

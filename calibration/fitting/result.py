@@ -204,6 +204,9 @@ class FitResult:
     ) -> Band:
         """ε(v) of the fitted curve with a confidence band; NaN where `determined` is False.
 
+        The limits alone are NaN where parameters move the curve that the data do not determine
+        (the warning `rank-deficient`); not for the weights of a network.
+
         Args:
             velocity: [m/s], any shape.
             name: of the data set, where there are several.

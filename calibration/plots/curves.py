@@ -264,13 +264,14 @@ def restitution_figure(
     """
     ax, v = style.new_figure(4.2).add_subplot(), rows.velocity
     if confidence is not None:
-        low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
-        below, above = np.nanmin(rows.low), np.nanmax(rows.high)
-        room, share = WIDEST * max(high - low, LEAST_SPAN), f"{100 * confidence:g} %, {of}"
-        if below < low - room or high + room < above:  # the curve could not be read
-            ax.set_ylim(max(below, low - room), min(above, high + room))
-            share += f"\n(wider than the picture: {number(below, 3)} to {number(above, 3)})"
-        style.band(ax, v, rows.low, rows.high, label=share)
+        if np.any(np.isfinite(rows.low)):
+            low, high = np.nanmin(rows.coefficient), np.nanmax(rows.coefficient)
+            below, above = np.nanmin(rows.low), np.nanmax(rows.high)
+            room, share = WIDEST * max(high - low, LEAST_SPAN), f"{100 * confidence:g} %, {of}"
+            if below < low - room or high + room < above:  # the curve could not be read
+                ax.set_ylim(max(below, low - room), min(above, high + room))
+                share += f"\n(wider than the picture: {number(below, 3)} to {number(above, 3)})"
+            style.band(ax, v, rows.low, rows.high, label=share)
         known = v[np.isfinite(rows.coefficient)]
         for ends in ((v[0], known[0]), (known[-1], v[-1])):
             if ends[0] < ends[1]:

@@ -287,6 +287,24 @@ def test_curve_band_and_table_agree_on_what_the_data_do_not_determine_and_where_
     assert f"restitution below {critical:.6g} m/s: no rows" in " ".join(table(at)[0])
 
 
+def test_limits_are_empty_where_one_velocity_determines_nothing_and_a_line_says_so(at):
+    """Eight impacts at 3 m/s, by which any χ̃ is as good; all were limited to ± 0.004 at 1 m/s."""
+    pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.01, 0.01)
+    restitution = 0.94 + 0.01 * np.array([-1, 1, 0, 0, 1, -1, 0, 0])
+    data = cal.RestitutionData([3.0] * 8, restitution, pair, uncertainty=0.01)
+    cal.fit(data, starts=4).save(at / "fit.json")
+    (at / "v.csv").write_text("1\n3\n9\n", encoding="utf-8")
+    for velocities, empty in (("v.csv", "2 of 3"), (None, "4 of 4")):
+        grid = (
+            ["--velocities", velocities] if velocities else ["--from", 1, "--to", 9, "--points", 4]
+        )
+        code, _, error = run("curve", "--fit", "fit.json", *grid, "--format", "csv", "png")
+        assert code == 0
+        assert f"warning: rank-deficient: the interval of ε is left empty at {empty} vel" in error
+        assert np.all(np.isfinite(column(at, 1)))
+        np.testing.assert_array_equal(np.isfinite(column(at, 2)), column(at, 0) == 3)
+
+
 def test_a_fit_of_an_own_law_is_refused_with_the_reason(at):
     def mine(restitution):
         return sj.ConstantRestitution(None, restitution)

@@ -1,5 +1,7 @@
 """Fits that are hard: impacts that stick, pairs that yield apart, many minima, a network, starts far off."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import equinox as eqx
@@ -253,6 +255,20 @@ def test_a_second_fit_of_the_same_shapes_compiles_nothing():
     finally:
         jax.monitoring.clear_event_listeners()
     assert compiled == []
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda fit: pickle.loads(pickle.dumps(fit))])
+def test_a_copy_of_a_fit_fits_again(copied):
+    """The structure of a law that came out of a pickle made `TypeError: '_Missing' object …` of it."""
+    velocity = np.geomspace(1, 20, 6)
+    restitution = np.array([0.95, 0.93, 0.94, 0.91, 0.92, 0.9])
+    data = cal.RestitutionData(velocity, restitution, pair("nylon"), uncertainty=0.01)
+    others = (np.sum(restitution) - restitution) / 5  # a constant without each point: their mean
+    result = copied(cal.fit(data, "linear", **QUICK))
+    np.testing.assert_allclose(result.leave_one_out().predicted, others, rtol=1e-6)
+    spread = np.std(result.bootstrap(400).values[:, 0])
+    assert spread == pytest.approx(0.01 / 6**0.5, rel=0.12)
+    assert copied(result).band(velocity).low == pytest.approx(result.band(velocity).low)
 
 
 def test_a_parameter_that_moves_nothing_but_rounding_stays_where_it_is():

@@ -161,6 +161,43 @@ def test_a_band_is_the_covariance_carried_through_the_curve(objective):
         np.testing.assert_allclose(one.high - one.low, 2 * reach * expected, rtol=1e-5)
 
 
+class Knee(sj.HardSphereLaw):
+    """ε = a - b max(v - 3, 0): below 3 m/s b acts on nothing."""
+
+    level: float
+    slope: float
+
+    def restitution_squared(self, velocity):
+        return (self.level - self.slope * jnp.maximum(velocity - 3.0, 0.0)) ** 2
+
+
+def test_a_band_has_no_limits_where_what_the_data_do_not_determine_moves_the_curve(tmp_path):
+    """With no variance along a null direction impacts at one velocity gave 0.004 at every other."""
+    measured = 0.8 + np.array([-0.02, 0.01, 0.0, 0.02, -0.01])
+    data = cal.RestitutionData([2.0] * 5, measured, uncertainty=0.01)
+    v, error = np.array([1.0, 2.0, 4.0]), 0.01 / 5**0.5
+    result = cal.fit(data, Decay, starts=1)
+    result.save(tmp_path / "fit.json")
+    for one in (result, cal.FitResult.load(tmp_path / "fit.json", law=Decay)):
+        for kind, expected in (("mean", error), ("prediction", np.hypot(error, 0.01))):
+            band = one.band(v, kind=kind)
+            assert np.all(np.isfinite(band.coefficient))
+            reach = np.array([np.nan, stats.norm.ppf(0.975) * expected, np.nan])
+            np.testing.assert_allclose(band.standard_error[1], expected, rtol=1e-4)
+            np.testing.assert_allclose(band.high - band.coefficient, reach, rtol=1e-4)
+            np.testing.assert_allclose(band.coefficient - band.low, reach, rtol=1e-4)
+    # a prior of the rate carries the curve from there
+    known = cal.fit(data, Decay, {"rate": cal.Parameter(prior=(0.1, 0.02))}, starts=1).band(v)
+    curve = 0.8 * np.exp(-0.1 * (v - 2))
+    expected = curve * np.hypot(error / 0.8, 0.02 * (v - 2))
+    np.testing.assert_allclose(known.standard_error, expected, rtol=1e-3)
+    # of a parameter that acts on no point
+    slow = cal.RestitutionData(np.linspace(0.5, 2.5, 5), measured, uncertainty=0.01)
+    begun = {"level": cal.Parameter(0.8), "slope": cal.Parameter(0.05)}
+    limits = cal.fit(slow, Knee, begun, starts=1).band([2.0, 4.0])
+    np.testing.assert_allclose(limits.standard_error, [error, np.nan], rtol=1e-6)
+
+
 @pytest.mark.parametrize("share", [0.001, 0.05])
 def test_velocities_alone_with_an_uncertainty_make_a_band_as_wide_as_the_slope(share):
     """One more point has the estimated scatter and the slope's error at its own v; of ε nothing was stated."""
