@@ -336,7 +336,13 @@ def test_impacts_may_lack_a_restitution(tmp_path):
     expected = np.mean((eps[known] - curve(V[known], *best)) ** 2) ** 0.5
     assert result.materials[0].rms_empirical == pytest.approx(expected, rel=1e-6)
     assert "curves.png" in result.report(tmp_path)
-    assert ["data", "13"] in [cells(line)[:2] for line in str(result).splitlines()]
+    rows, times = (
+        [cells(line) for line in str(result).splitlines()],
+        result.material().observed["contact_time"],
+    )
+    assert ["data", "13"] in [row[:2] for row in rows]
+    per_cent = [f"{100 * x:.3g}" for x in (times.rms, times.noise)]
+    assert ["data", "contact time t_c", "20", *per_cent] in [row[:5] for row in rows]
     _, lower = comparison_figure([cal.compare(data, ["hertz"], starts=2)]).axes
     low, high = lower.get_ylim()
     assert low < np.min(eps[known]) < np.max(eps[known]) < high

@@ -130,6 +130,7 @@ def test_correlations_are_a_matrix_with_its_numbers(alloy, main_job):
     expected = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
     image = ax.images[0]
     np.testing.assert_allclose(image.get_array(), [[1, expected], [expected, 1]], atol=1e-3)
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["$k_{20}$", "$s$"]
     texts = {text.get_position(): text.get_text() for text in ax.texts}
     written = f"{expected:.2f}".replace("-", "−")
     assert texts == {(0, 0): "1.00", (1, 1): "1.00", (0, 1): written, (1, 0): written}
@@ -228,6 +229,10 @@ def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
     ]
     for words in (*parameters[1:], *quality[1:]):
         assert any(cells(line) == [w for w in words if w] for line in alloy.out.splitlines())
+    lines = alloy.out.splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("material  points"))
+    edges = [[x.end() for x in re.finditer(r"\S+", line)] for line in lines[first : first + 3 : 2]]
+    assert edges[0][1:-1] == edges[1][1:-1]  # numbers end where their column does
     mass = f"{4 / 3 * np.pi * 0.0127**3 * 1140:.4g}"
     assert bodies[1] == [
         *("alloy", "two equal spheres", "0.0127", mass, "2.5e+09", "0.3", "1140", "4e+07")
@@ -262,14 +267,21 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
         assert cell in page.words
 
 
+class Grown(Decay):
+    """With a number that a built-in law has under the same name."""
+
+    growth: float = sj.number_field("g", "1/s", "pace of nothing", default=1.0)
+
+
 def test_a_report_of_ones_own_law_needs_one_call(tmp_path):
     """Its parameters with the units that it declares; and the page opens with the result, date and data."""
     data = cal.RestitutionData(VELOCITY, MADE, uncertainty=0.01, name="mine")
-    fit = cal.fit(data, Decay, profiles=False, starts=4)
+    fit = cal.fit(data, Grown, {"growth": 1.0}, profiles=False, starts=4)
     names = fit.report(tmp_path)
     assert {*names} >= {"fit.json", "curves.png", "report.md", "report.html"}
-    assert list(fit.to_frame()["unit"]) == ["", "s/m"]
+    assert list(fit.to_frame()["unit"]) == ["", "s/m", "1/s"]
     page = Tags((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "g: pace of nothing" in page.words
     body = page.words[page.words.index("fitted to") :]
     for word in ("24 impacts", "rms", datetime.date.today().isoformat(), "jax", "mine: 24 impacts"):
         body = body[body.index(word) :]
@@ -316,6 +328,7 @@ def test_an_interval_is_rounded_to_the_standard_error():
         (0.0, 1.9, 0.052, "0.000 … 1.900"),
         (2.9e7, 3.1e7, 1e6, "2.90e7 … 3.10e7"),
         (1.5, 1.5 + 1e-10, 1e-10, None),
+        (0.0, 0.0, 0.0, None),
         (1.69, 1.9, None, "1.69 … 1.9"),
     ):
         estimate = replace(fit.estimates["restitution"], low=low, high=high, standard_error=error)

@@ -358,11 +358,12 @@ def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overl
     figure = posterior_figure(drawn(**{"level[a]": (1, 1), "restitution[b]": (1, 1)}), result)
     labels = [ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()]
     assert labels == ["$a$\na", "$\\varepsilon$\nb"]  # each by its own law
-    owners = ("aluminium alloy 7075", "stainless steel 316")
+    owners = ("aluminium alloy 7075", "chrome steel 316")
     names = [f"p{k}[{owner}]" for owner in owners for k in range(4)]
     figure = posterior_figure(drawn(**dict.fromkeys(names, (0.3, 0.1))))
     figure.canvas.draw()
     axes = [(ax.xaxis.label, ax.yaxis.label) for ax in figure.axes]
+    assert axes[-1][0].get_text().splitlines() == ["p3", "chrome", "steel 316"]
     for which in zip(*axes, strict=True):
         boxes = [label.get_window_extent() for label in which if label.get_text()]
         assert len(boxes) >= 7
