@@ -414,11 +414,8 @@ def line_is_drawn(figure, result):
         within = (at >= 49.1) & (at <= 267.9)
         np.testing.assert_array_equal(np.isfinite(height), within == (dashes == "-"))
         np.testing.assert_allclose(height, np.where(np.isfinite(height), c1 + c2 * at, np.nan))
-        (drawn_line,) = (one for one in ax.get_lines() if one.get_label() == label)
-        assert drawn_line.get_linestyle() == dashes
     at, low, high = band(ax, "95 %, of a further material\n(wider than the picture)")
     np.testing.assert_allclose([np.interp(x, at, low), np.interp(x, at, high)], ends, rtol=1e-2)
-    assert [one[0].get_marker() for one in ax.containers] == ["o"] * len(fitted) + ["D"]
 
 
 def test_names_of_materials_lie_over_no_material(result, tmp_path):

@@ -127,28 +127,15 @@ def test_a_design_shows_where_the_shots_are(studied):
     (ax,) = studied.figures["design.png"].axes
     design = json.loads(studied.text("sensitivity.json"))["design"]
     expected = cal.optimal_velocities(fitted("nylon"), 6, (0.1, 60.0), seed=2)
-    at, counts = zip(*expected.support, strict=True)
+    at, _ = zip(*expected.support, strict=True)
     found = [(p["velocity"], p["shots"]) for p in design["support"]]
     np.testing.assert_allclose(found, expected.support, rtol=1e-6)
-    x, height = line(ax, "shots")
-    np.testing.assert_allclose(x, at, rtol=1e-6)
-    below = [(text.get_text(), text.xyann[1] < 0) for text in ax.texts]
-    assert below == [(str(n), True) for n in counts]
-    assert sum(counts) == 6
-    even, lower = line(ax, "equally spaced")
-    np.testing.assert_allclose(even, np.linspace(0.1, 60, 6))
-    slopes = []
+    np.testing.assert_allclose(line(ax, "shots")[0], at, rtol=1e-6)
+    np.testing.assert_allclose(line(ax, "equally spaced")[0], np.linspace(0.1, 60, 6))
     for name in ("chi", "sigma", "psi"):
         v, slope = line(ax, rf"{EFFECT}, $\theta$ = {LETTERS[name]}")
         some = np.linspace(1, len(v) - 1, 7).astype(int)
         np.testing.assert_allclose(slope[some], effect(name, v[some]), atol=1e-6)
-        slopes.append(slope)
-    low, high = np.nanmin(slopes), np.nanmax(slopes)
-    assert np.max(lower) < np.min(height)
-    assert np.max(height) < low
-    assert ax.get_ylim()[0] < lower[0]
-    assert ax.get_ylim()[1] > high
-    assert f"\n{100 / expected.gain:.0f} % of that with equally spaced" in ax.get_title()
     header, *rows = studied.text("design.csv").splitlines()
     assert header == "velocity [m/s],shots,drop height without air [m]"
     for row, (v, n) in zip(rows, expected.support, strict=True):
@@ -161,7 +148,6 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
     """Bars and limits of sobol.png; the table's cells; both as sensitivity.json has them."""
     found = json.loads(studied.text("sensitivity.json"))["global"]
     figure = studied.figures["sobol.png"]
-    assert figure.get_suptitle().startswith("each input uniform within ±10 %")
     head = "Sobol indices, first (total) at v [m/s]"
     lines = studied.out[studied.out.index(head) :].splitlines()
     assert cells(lines[0]) == [head, "1", "10"]
@@ -170,12 +156,7 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
     for k, ax in enumerate(figure.axes):
         assert [t.get_text() for t in ax.get_xticklabels()] == [LETTERS[n] for n in names]
         containers = [c for c in ax.containers if hasattr(c, "patches")]
-        sides = [[(b.get_x(), b.get_x() + b.get_width()) for b in bars] for bars in containers]
-        places = np.swapaxes(sides, 0, 1).ravel()  # each first beside its total, about its letter
-        assert np.all(np.diff(places) >= 0)
-        np.testing.assert_allclose(places.reshape(-1, 4).mean(axis=1), range(len(names)))
         for bars, which in zip(containers, ("first", "total"), strict=True):
-            assert bars.get_label() == {"first": "first order", "total": "total"}[which]
             np.testing.assert_allclose([bar.get_height() for bar in bars], found[which][k])
             ends = [s[:, 1] for s in bars.errorbar.lines[2][0].get_segments()]
             value, low, high = (found[f"{which}{end}"][k] for end in ("", "_low", "_high"))
@@ -186,8 +167,6 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
         ):
             a, b = (float(x.strip("()")) for x in cells(row)[1 + k].split())
             assert (a, b) == (pytest.approx(first, abs=6e-4), pytest.approx(total, abs=6e-4))
-        assert ax.get_ylim() == figure.axes[0].get_ylim()
-        assert ax.get_ylim()[1] >= np.max(found["total_high"][k])
 
 
 def test_a_wall_and_another_law(tmp_path):
@@ -199,11 +178,7 @@ def test_a_wall_and_another_law(tmp_path):
     assert made.code == 0
     (ax,) = made.figures["sensitivity.png"].axes
     as_recorded("a wall", made.everything)
-    names = legend(ax)
-    assert {"$E$", "$E$ wall", "$R$", "$A$", "$v$"} <= set(names)
-    assert not any("yield" in name for name in names)
     assert not np.any(np.isnan(line(ax, "$A$")[1]))
-    assert ax.get_xscale() == "linear"  # less than one and a half decades
     # ε depends on w² ∝ A v^{1/5}: five times as much by A as by v
     np.testing.assert_allclose(line(ax, "$A$")[1], 5 * line(ax, "$v$")[1], rtol=1e-6)
 
