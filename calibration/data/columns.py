@@ -178,7 +178,7 @@ def read_header(text: str) -> Header:
         name = _canonical(words)
         if name is not None and (is_sure or is_unit(unit or "", SI_UNITS[name]) or unit == "%"):
             return Header(text, name, plain(words), unit)
-    base = re.split(r"[\[(]", text, maxsplit=1)[0]
+    base = re.split(r"[\[(]", text)[0]
     if _canonical(base) is not None:
         raise DataError("column", repr(text), "a name and one unit, as in `velocity [m/s]`")
     in_words = [n for n in KNOWN if len(n) > 3 and min(map(len, n.split("_"))) > 1]  # no symbols

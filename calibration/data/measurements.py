@@ -412,7 +412,7 @@ class RestitutionData:
         every = np.broadcast_to(codes[:, None], index.shape)[index >= 0]
         np.minimum.at(ends[0], index[index >= 0], every)
         np.maximum.at(ends[1], index[index >= 0], every)
-        for k in np.flatnonzero(ends[0] < ends[1])[:1]:
+        for k in np.flatnonzero(ends[0] < ends[1]):
             both = " and ".join(repr(self.groups[code]) for code in ends[:, k])
             raise DataError(
                 "group", f"{both} of points that share an error", "one for all of these"

@@ -195,7 +195,7 @@ def observed_of(rows: Rows, points: Points) -> dict[str, np.ndarray]:
             columns[f"{name}_uncertainty"] = uncertainty
     if rows.kind.is_flight and "contact_time" in columns:
         flight = 2 * points.velocity / rows.gravity
-        for row in np.flatnonzero(columns["contact_time"] >= flight)[:1]:
+        for row in np.flatnonzero(columns["contact_time"] >= flight):
             accepted = f"shorter than the flight, {flight[row]:.3g} s"
             raise DataError(
                 "contact_time", float(columns["contact_time"][row]), accepted, int(points.rows[row])
@@ -379,7 +379,7 @@ def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]
         remarks = ("the signs of velocities before and after the impact are ignored",)
     require(names[0], first, lambda x: x > 0, positive)
     require(names[1], second, lambda x: x >= 0, not_negative)
-    for row in np.flatnonzero(second > swapped * first)[:1]:
+    for row in np.flatnonzero(second > swapped * first):
         accepted = f"at most its {names[0]}, {first[row]:.6g}, or little more; "
         accepted += "are both in the same unit, and in this order?"
         raise DataError(names[1], float(second[row]), accepted, int(row))
@@ -465,13 +465,13 @@ def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
     else:
         require(name, values, np.isfinite, "a time in s: no gap within a launch")
         steps, before = np.diff(values), "sooner"
-        for row in 1 + np.flatnonzero((steps <= 0) & (sequence[1:] == sequence[:-1]))[:1]:
+        for row in 1 + np.flatnonzero((steps <= 0) & (sequence[1:] == sequence[:-1])):
             accepted = f"later than the one above it {hint}"
             raise DataError(name, float(values[row]), accepted, int(row))
     if "group" not in rows.columns:
         # a bounce much higher than the last is the next launch, in a table that names none
         higher = np.flatnonzero(steps[1:] > HIGHER * steps[:-1])
-        for row in higher[:1] + 1 + len(values) - len(steps):
+        for row in higher + 1 + len(values) - len(steps):
             raise DataError(name, float(values[row]), f"{before} {hint}", int(row))
     return steps
 

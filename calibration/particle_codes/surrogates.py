@@ -92,7 +92,7 @@ def _walton_braun(target: Target, stiffness: float, from_loading: bool) -> sj.Wa
 
     slope, level = np.polyfit(velocity, inverse, 1)
     start = np.sqrt(np.maximum([level - 1, slope], 1e-6))[int(from_loading) :]
-    options = {"xatol": 1e-10, "fatol": 1e-10, "maxiter": 4000, "maxfev": 4000}
+    options = {"xatol": 1e-10, "fatol": 1e-10, "maxfev": 4000}
     a, b = roots(minimize(largest_error, start, method="Nelder-Mead", options=options).x)
     growth = b**2 * np.sqrt(stiffness / number_of(target.contact.mass))
     return sj.WaltonBraun(target.contact, stiffness, (1 + a**2) * stiffness, float(growth))

@@ -133,7 +133,7 @@ OF_ONE = """
 [material.parameters]
 psi = 0.5
 chi = { value = 0.1, bounds = [0.01, inf], transform = "log" }
-yield_strength = { value = "310 MPa", prior = ["310 MPa", "20 MPa"], bounds = ["0.1 GPa", inf] }
+yield_strength = { value = "310 MPa", prior = ["310 MPa", "50 Pa"], bounds = ["0.1 GPa", inf] }
 rate = { prior = [3.1e8, 1e7], shared = "steel" }
 limit_velocity = { free = false }
 zeta = -0.0
@@ -155,7 +155,7 @@ def test_parameters_and_settings_of_a_file(tmp_path):
     assert parameters == {
         "psi": cal.Parameter(0.5, free=False),
         "chi": cal.Parameter(0.1, bounds=(0.01, math.inf), transform="log"),
-        "yield_strength": cal.Parameter(3.1e8, prior=(3.1e8, 2e7), bounds=(1e8, math.inf)),
+        "yield_strength": cal.Parameter(3.1e8, prior=(3.1e8, 50.0), bounds=(1e8, math.inf)),
         "rate": cal.Parameter(prior=(3.1e8, 1e7), shared="steel"),
         "limit_velocity": cal.Parameter(free=False),
         "zeta": cal.Parameter(0.0, free=False),

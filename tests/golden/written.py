@@ -11,6 +11,7 @@ from tests.golden import simulated
 from tests.golden.cases import contact
 from tests.golden.numbers import NUMBER, scenario
 from tests.golden.studies import DROPS, record_table
+from tests.physics.own_laws import Hardening
 
 
 def record_printed(numbers, text, name=""):
@@ -58,6 +59,7 @@ def exports(numbers, folder):
         "yade, walton-braun": (sj.WaltonBraun(pair, spring, spring, 3000.0), {}),
         "c, zhou": (zhou, exact),
         "c, held": (zhou, exact | {"below": "hold", "tolerance": 0.004}),
+        "c, own": (Hardening(pair, 1e-4), exact),
         "lammps, viscoelastic": (zhou, {"sizes": (0.01, 0.004), "overlap": 0.05}),
     }
     for name, (law, options) in cases.items():
