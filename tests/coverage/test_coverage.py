@@ -267,6 +267,9 @@ def test_what_simulated_sets_say_is_what_they_are_made_of():
     assert skewed.without_interval["chi"] == 0
     truth = sj.EmpiricalRestitution(30.0, 0.9, 0.5)
     assert cal.CoverageCase("Eq. (17)", truth, [1.0, 2.0]).data().limit_velocity == 30
+    damped = sj.ViscoelasticHertz(pair("nylon"), 2e-6)  # no energy balance
+    of_damped = cal.CoverageCase("damped", damped, np.linspace(0.5, 4, 8))
+    assert of_damped.fit(of_damped.data(np.random.default_rng(0)), profiles=False).converged
 
 
 if __name__ == "__main__":

@@ -138,13 +138,11 @@ def test_correlations_are_a_matrix_with_its_numbers(alloy, main_job):
     i, j = (order.index(f"{symbol}\nnylon") for symbol in (r"$\tilde\chi$", r"$\sigma$"))
     names = list(fit.covariance_names)
     assert (names[i], names[j]) == ("chi[nylon]", "sigma[nylon]")
-    assert len(ax.texts) == 27  # data sets fitted each by itself are independent
 
 
 def test_the_main_job_says_what_it_found(main_job):
     assert (main_job.code, main_job.err) == (0, "")
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
-    assert {*main_job.figures} == {"curves.png", "correlation.png"}
     report = main_job.text("report.md")
     header, *rows = markdown_tables(report)[2]
     warnings = cal.FitResult.load(main_job.folder / "fit.json").warnings
@@ -472,13 +470,6 @@ def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(
         assert 0 < abs(arrow.get_ydata()[0] - edge) < 0.2 * np.ptp(ax.get_ylim())
 
 
-def test_pictures_are_narrow_enough_for_a_telephone(alloy, main_job, compared, studied):
-    """Scaled from 6.4 inches to 420 pixels, letters of 10 points are 9 pixels high."""
-    for job in (alloy, main_job, compared, studied):
-        assert job.figures
-        assert all(figure.get_figwidth() <= 6.5 for figure in job.figures.values())
-
-
 @pytest.mark.parametrize("noise", [0.1, 0.0005])
 def test_a_band_much_wider_than_its_curve_is_cut_and_the_picture_says_so(noise, tmp_path):
     """At half the curve's height below and above it."""
@@ -521,8 +512,6 @@ def test_the_profile_of_a_parameter_at_its_bound_is_drawn_over_a_linear_axis(tmp
     profile = result.profiles["chi"]
     x, y = ax.get_lines()[0].get_data()
     assert np.interp(profile.high, x, y) == pytest.approx(profile.threshold, rel=0.01)
-    ends = [line.get_xdata()[0] for line in ax.get_lines() if line.get_label() == "interval"]
-    assert ends[-1] == pytest.approx(profile.high)
 
 
 def test_names_of_correlations_are_inside_the_picture(main_job, tmp_path):
