@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.ad_checkpoint import checkpoint_name
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 
@@ -33,7 +32,7 @@ from softjax.numerics.derivatives import (
     value_and_gradients,
     value_and_slopes,
 )
-from softjax.numerics.roots import elementwise
+from softjax.numerics.roots import SOLVED, elementwise, named
 
 # impacts in the smallest program: it takes a second to compile and an impact a microsecond
 LEAST = 16
@@ -67,7 +66,7 @@ BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cac
 FORWARD = 2048  # impacts, each with its tangents counting as one more
 GRADIENTS = 512  # impacts, each with a long gradient: fewer take as long a step
 ON_GPU = 2**20  # impacts of any kind: thousands of threads wait for each other after every row
-SOLVED = "solved"  # what a reverse pass keeps of a chunk: to solve again costs more than to fetch
+SOLVED_KEPT = jax.checkpoint_policies.save_only_these_names(SOLVED)
 MANY = 7  # directions: of more, as of a network, derivatives are taken by reverse mode, which costs less
 
 
@@ -278,8 +277,7 @@ def _of_traced(program: _Program, *leaves, shared: Shared, cut: bool):
         for x, m in zip(leaves, many, strict=True)
     ]
     # the reverse pass computes a chunk again, but for what was solved: faster than to fetch it all
-    kept = jax.checkpoint_policies.save_only_these_names(SOLVED)
-    of_chunk = jax.checkpoint(partial(_compiled, program), policy=kept)
+    of_chunk = jax.checkpoint(partial(_compiled, program), policy=SOLVED_KEPT)
     results = in_chunks(of_chunk, flat, many, -(-math.prod(shape) // TRACED_CHUNK))
     return jax.tree.map(lambda result: result.reshape(shape), results)
 
@@ -335,7 +333,7 @@ def over_impacts(
         function: of pytrees whose leaves are single numbers; what is shared (`fields.array_field`) stays
             as it is.
         forward: whether derivatives are taken forward whichever way the caller does. Else the
-            reverse pass computes rows again, which is faster than to store and fetch them.
+            reverse pass computes rows again, but for roots, which is faster than to store and fetch them.
         reversible: the same as `function`, differentiable in reverse, for more directions than `MANY`.
     """
     leaves, structure = jax.tree.flatten(batch)
@@ -361,7 +359,8 @@ def over_impacts(
         backwards = None if reversible is None else partial(of_leaves, reversible)
         run = forward_differentiated(single, shared, reversible=backwards)
     else:
-        f = jax.checkpoint(jax.vmap(single, in_axes=[None if common else 0 for common in shared]))
+        mapped = jax.vmap(single, in_axes=[None if common else 0 for common in shared])
+        f = jax.checkpoint(mapped, policy=SOLVED_KEPT)
         run = partial(_in_rows, f, shared, BY_REVERSE)
     if len(shape) > 1 and on_several_devices():
         for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
@@ -430,16 +429,11 @@ def forward_differentiated(
             with_slopes = partial(value_and_slopes, single, active)
             fewer = max(size // (1 + change.shape[-1]), 1)
         solved = forward_differentiated(with_slopes, shared, fewer)(*primals)
-        value, slopes = jax.tree.map(_named, solved)
+        value, slopes = jax.tree.map(named, solved)
         return value, contracted(slopes, change)
 
     wrapped.defjvp(rule, symbolic_zeros=True)
     return wrapped
-
-
-def _named(x):
-    """Marked as solved."""
-    return x if x.dtype == jax.dtypes.float0 else checkpoint_name(x, SOLVED)
 
 
 def _check_not_varying(leaves) -> None:

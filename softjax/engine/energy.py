@@ -74,7 +74,7 @@ def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=F
     end = outcome.unloading_end(law, x_m, outcome.searched)
 
     def unloading(r, rest):
-        return law.unloading_at(_inside(end.residual, rest), r, x_m)
+        return law.unloading_at(outcome.inside(end.residual, rest), r, x_m)
 
     work = integral(unloading, end.recovered, x_m - unloading_kinks(law, x_m))
     part = 2.5 / (y * y)
@@ -83,11 +83,6 @@ def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=F
         back = back._replace(time=_duration(law, x_m, end.residual, end.recovered))
     collision = outcome.assemble(law, peak, end, back, _gain(y), force)
     return outcome.unlifted(law, collision, below)
-
-
-def _inside(residual, rest):
-    """x* + rest, by more than rounding above x*, below which a force may be no number."""
-    return residual + jnp.maximum(rest, 4 * float(jnp.finfo(rest.dtype).eps) * residual)
 
 
 def _gain(y: Numbers) -> float:
@@ -218,7 +213,7 @@ def _duration(law: ReducedRateIndependent, peak: Numbers, residual: Numbers, rec
     """The time [L/V] from touch to the peak, that of a fall from there by the loading force, and on to the end."""
 
     def unloading(r, rest):
-        return 1.25 * law.unloading_at(_inside(residual, rest), r, peak)
+        return 1.25 * law.unloading_at(outcome.inside(residual, rest), r, peak)
 
     rise = falling_time(lambda _, x: 1.25 * law.loading(x), peak, peak - loading_kinks(law, peak))
     return rise + falling_time(unloading, recovered, peak - unloading_kinks(law, peak))

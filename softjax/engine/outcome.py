@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from softjax.fields import Flags, Numbers
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.powers import safe_power
-from softjax.numerics.roots import Reach, largest, last_zero, reach
+from softjax.numerics.roots import Reach, largest, last_zero, named, reach
 from softjax.status import Status
 
 JUMP = 1e-3  # of the peak force: what is left of a force that vanishes there, but for a jump
@@ -203,7 +203,7 @@ def loading_reach(law: ReducedRateIndependent, y: Numbers) -> Reach:
     def force(x):
         return jnp.where(x <= end, law.loading(x), jnp.nan)
 
-    return reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
+    return jax.tree.map(named, reach(force, 0.4 * y * y, y ** (2 / law.work_exponent)))
 
 
 def loading_kinks(law: ReducedRateIndependent, like: Numbers) -> Numbers:
@@ -259,7 +259,7 @@ def searched(law: ReducedRateIndependent, peak: Numbers) -> UnloadingEnd:
 
     @root.defjvp
     def rule(params, tangents):
-        x, recovered = root(*params)
+        x, recovered = map(named, root(*params))
         # where there is none, somewhere else: what is not used must be a number all the same
         exists = x > 0
         half = 0.5 * params[1]
@@ -271,6 +271,11 @@ def searched(law: ReducedRateIndependent, peak: Numbers) -> UnloadingEnd:
     left = law.unloading_at(x, recovered, peak)
     jumps = left > JUMP * law.unloading_at(peak, jnp.zeros_like(peak), peak)
     return UnloadingEnd(x, recovered, x > 0, ~jumps)
+
+
+def inside(residual, rest):
+    """x* + rest, by more than rounding above x*, below which a force may be no number."""
+    return residual + jnp.maximum(rest, 16 * float(jnp.finfo(rest.dtype).eps) * residual)
 
 
 def _motion(place, params, tangents):
@@ -286,7 +291,7 @@ def _motion(place, params, tangents):
         flat = slope == 0
         return jnp.where(flat, 0.0, -change / jnp.where(flat, 1.0, slope)), slope
 
-    direct, slope = equation(x)
+    direct, slope = equation(inside(x, jnp.zeros_like(x)))
     mean = law.unloading_at(peak, jnp.zeros_like(peak), peak) / recovered
     step = float(jnp.finfo(x.dtype).eps) ** (1 / 3) * recovered
     nearby = [equation(x + k * step)[0] for k in (1, 2, 3)]

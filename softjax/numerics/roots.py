@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.ad_checkpoint import checkpoint_name
 from jax.custom_batching import custom_vmap
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool
@@ -28,6 +29,12 @@ LEVELS = 4
 MARGIN = 2.0  # octaves beyond the peak that are always looked at
 HALVINGS = 64  # to the last digit from an octave, as long as anything moves
 SHRINKS = 0.8  # Newton steps that shrink less are lost; towards a zero of power p: 1 - 1/p
+SOLVED = "solved"  # what a reverse pass keeps: to solve again costs more than to fetch
+
+
+def named(x: Array) -> Array:
+    """Marked as solved."""
+    return x if x.dtype == jax.dtypes.float0 else checkpoint_name(x, SOLVED)
 
 
 def implicit_root(solve: Callable, residual: Callable, slope: Callable | None = None) -> Callable:
@@ -47,7 +54,7 @@ def implicit_root(solve: Callable, residual: Callable, slope: Callable | None = 
 
     @root.defjvp
     def rule(params, tangents):
-        result = root(*params)
+        result = jax.tree.map(named, root(*params))
         x = result[0] if isinstance(result, tuple) else result
         if slope is None:
             _, steep = jax.jvp(lambda x: residual(x, *params), (x,), (jnp.ones_like(x),))

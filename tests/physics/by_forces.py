@@ -67,7 +67,7 @@ class Forces(sj.RateIndependentLaw):
 
 
 class Drawn(Forces):
-    """Those that `draw` gives, a smaller program: no pull, snap or end, and two shapes."""
+    """Those that `draw` gives, and BELOW, a smaller program: no pull, snap or end, and three shapes."""
 
     few = True
 
@@ -115,14 +115,15 @@ def unloading(f, x, top, xp=jnp):
         f.floor + (1 - f.floor) * _power(s, f.back, xp),
         s - f.jolt * xp.maximum(corner - x, 0) / top,
     ]
+    below = xp.where(inside, _hertz(s, xp), xp.nan)
     if getattr(f, "few", False):
-        return peak * xp.where(f.shape == CLIPPED, *shapes)
+        return peak * xp.where(f.shape == BELOW, below, xp.where(f.shape == CLIPPED, *shapes))
     shapes += [
         s**3,
         -xp.expm1(-20 * xp.maximum(s, -1.0)) / -np.expm1(-20.0),
         xp.where(inside, 0.5 * (1 + s), -0.5),
         xp.where(inside, 0.5 * (1 + s), 0.0),
-        xp.where(inside, _hertz(s, xp), xp.nan),
+        below,
         xp.where((share > 0.5) & (share < 0.7), xp.nan, _hertz(share, xp)),
     ]
     # one is chosen before it meets the peak: slopes of the others are none
