@@ -90,6 +90,20 @@ def only_what_the_readme_installs(request):
 
 
 @pytest.fixture
+def compiled():
+    """The compilations since the test began, by name."""
+    names = []
+
+    def listen(event, duration, **details):
+        if event == "/jax/core/compile/backend_compile_duration":
+            names.append(details.get("fun_name", "?"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield names
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
+@pytest.fixture
 def at(tmp_path, monkeypatch):
     """A directory to work in."""
     monkeypatch.chdir(tmp_path)

@@ -21,20 +21,6 @@ def nothing_is_compiled_yet():
     jax.clear_caches()
 
 
-@pytest.fixture
-def compiled():
-    """The compilations since the test began, by name."""
-    names = []
-
-    def listen(event, duration, **details):
-        if event == "/jax/core/compile/backend_compile_duration":
-            names.append(details.get("fun_name", "?"))
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    yield names
-    jax.monitoring.unregister_event_duration_listener(listen)
-
-
 def everything(law, velocity, route=None):
     result = sj.restitution(law, velocity, route)
     return result.coefficient, result.duration, result.ok
