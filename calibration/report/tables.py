@@ -10,6 +10,7 @@ from calibration import symbols
 from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.material import Estimate
 from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.options import DOF
 from calibration.report.layout import Block, Item
 from calibration.rounding import ABSENT, interval, number, with_error
 
@@ -154,14 +155,16 @@ def fitted_texts(fit: Any, level: float | None = None) -> list[str]:
 def quality_table(result: Any) -> pd.DataFrame:
     """Goodness of fit of each data set, and its estimated scatter; without columns of no number."""
     rows, line = [], result.unloading_line
+    with_dof = result.settings.get("noise_dof") == "estimate"
     for fit in result.materials:
-        chi_squared = fit.reduced_chi_squared
+        chi_squared, dof = fit.reduced_chi_squared, fit.noise_dof if with_dof else None
         numbers = {
             "dof": (fit.residual_degrees, 4),
             "rms": (_size(fit.rms), 4),
             "rms of Eq. (17)": (_size(fit.rms_empirical), 3),
             "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),
             "scatter": (_size(fit.noise), 3),
+            "ν": (dof, 3),
             "between groups": (fit.group_deviation, 3),
             "of times [ms]": (fit.timing and 1e3 * fit.timing, 3),
             "χ²/dof": (chi_squared, 3),
@@ -171,6 +174,8 @@ def quality_table(result: Any) -> pd.DataFrame:
         row = {"material": fit.name, "law": fit.model.label, "points": str(len(fit.standardised))}
         row |= {name: number(*value_and_digits) for name, value_and_digits in numbers.items()}
         row |= {"P": "< 1e-300"} if fit.probability == 0 else {}
+        if dof is not None and np.isclose(dof, DOF[:2], rtol=1e-3).any():
+            row["ν"] += " (at its bound)"
         rows.append(row | {"converged": "yes" if fit.converged else "NO"})
     table = pd.DataFrame(rows)
     empty = [name for name in table if (table[name] == ABSENT).all()]

@@ -236,6 +236,7 @@ def test_degrees_of_freedom_are_drawn_where_a_fit_estimates_them():
     options = {"noise": "student-t", "noise_dof": "estimate"}
     fit = cal.fit(data, Decay, profiles=False, starts=1, **options)
     assert fit.materials[0].noise_dof == pytest.approx(2.0)
+    assert re.search(r"ν +converged\n.*2 \(at its bound\)  yes", str(fit), re.DOTALL)
     draws = fit.posterior(draws=60, chains=1, seed=3, warmup=100)
     dof, noise = (values_of(draws, name) for name in ("dof", "noise"))
     assert 2.0 < np.min(dof) < 2.3
