@@ -101,7 +101,7 @@ def _stepped(law, velocity, factor, hold, step, phases, steps):
     def advanced(_, state):
         overlap, velocity, peak = state
         overlap = overlap + step * velocity
-        peak = jnp.where(overlap > 0, jnp.maximum(peak, overlap), 0.0)
+        peak = jnp.maximum(peak, overlap)
         inside = jnp.maximum(overlap, LEAST), velocity, jnp.maximum(peak, LEAST)
         force = jnp.where(overlap > 0, _force(law, factor, hold, *inside), 0.0)
         return overlap, velocity - step * force / law.contact.mass, peak
