@@ -317,6 +317,8 @@ def test_one_uncertainty_of_both_numbers_or_of_one_and_of_a_rebound_of_zero_heig
     table = {"drop_height": [1.0, 1.0], "rebound_height": [0.0, 0.0025 / 4]}
     data = READ(table, rebound_height_uncertainty=0.0025)
     np.testing.assert_allclose(data.uncertainty, [0.05, 0.05])  # √(0.0025/1), the slope at u/4
+    exact = READ(table, drop_height_uncertainty=0.001)  # ε/2 of its relative uncertainty
+    np.testing.assert_allclose(exact.uncertainty, [0.0, 0.0125 * 0.001], rtol=1e-12)
     assert READ(table).uncertainty is None
 
 
