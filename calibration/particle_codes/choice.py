@@ -105,11 +105,9 @@ def _refusals(key: str, target: Target, backend: codes.Backend) -> Iterator[tupl
     if as_it_is and number_of(law.unloading_stiffness) > number_of(law.loading_stiffness):
         accepted = "k2 that grows from k1; --export-law auto takes the nearest"
         yield "a constant k2 > k1 cannot be written there", accepted
-    if options.below == "hold" and key not in codes.CONSTANT:
-        independent = key == "walton-braun" or isinstance(law, sj.RateIndependentLaw)
-        if key == "viscoelastic" or backend.name == codes.INPUT or not independent:
-            problem = f"the ε of {key} cannot be held below the range by what the code has"
-            yield problem, f"{constant}, whose ε is constant"
+    if options.below == "hold" and not can_hold(key, law, backend):
+        problem = f"the ε of {key} cannot be held below the range by what the code has"
+        yield problem, f"{constant}, whose ε is constant"
     if target.on_wall and not backend.at_walls:
         yield f"{key} loses nothing at a wall there", constant
     if options.sizes and key == codes.EXACT and type(law) not in FORMULAS:
@@ -117,6 +115,13 @@ def _refusals(key: str, target: Target, backend: codes.Backend) -> Iterator[tupl
         yield "a table of forces is for one pair of sizes", accepted
     if options.sizes and backend.of_mass and not backend.lines_of_pairs:
         yield f"the damping of {key} is for one mass there", "--export-law hertz-dashpot"
+
+
+def can_hold(key: str, law: sj.ContactLaw, backend: codes.Backend) -> bool:
+    """Whether `below="hold"` is possible with this law: its ε is constant, or its damping may be added to."""
+    independent = key == "walton-braun" or isinstance(law, sj.RateIndependentLaw)
+    own_code = backend.name != codes.INPUT
+    return key in codes.CONSTANT or (key != "viscoelastic" and own_code and independent)
 
 
 def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:

@@ -9,7 +9,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import printable
-from calibration.particle_codes.choice import Choice
+from calibration.particle_codes.choice import Choice, can_hold
 from calibration.particle_codes.codes import CONSTANT, HOW
 from calibration.particle_codes.target import (
     POINTS,
@@ -116,7 +116,9 @@ class Export:
             yield f"Slower impacts lose nearly nothing ({where}): a bed settles slowly."
         if fit is not None and unknown:
             yield f"Below {number(fit.known_from)} m/s the data do not determine ε."
-        if elastic or unknown:
+        if (elastic or unknown) and not can_hold(choice.key, self.target.law, choice.backend):
+            yield "--below hold needs another law: the ε of this one cannot be held."
+        elif elastic or unknown:
             yield f"With --below hold {constant} below {number(low)} m/s."
 
     @property

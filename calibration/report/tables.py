@@ -159,7 +159,7 @@ def quality_table(result: Any) -> pd.DataFrame:
     for fit in result.materials:
         chi_squared, dof = fit.reduced_chi_squared, fit.noise_dof if with_dof else None
         numbers = {
-            "dof": (fit.residual_degrees, 4),
+            "dof": (fit.residual_degrees, max(4, len(f"{fit.residual_degrees:.0f}"))),
             "rms": (_size(fit.rms), 4),
             "rms of Eq. (17)": (_size(fit.rms_empirical), 3),
             "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),

@@ -224,6 +224,34 @@ def test_files_say_what_the_data_do_not_determine_however_fast_the_range(tmp_pat
     assert f"{said} eps." in (tmp_path / "softjax_law.h").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize(
+    ("code", "law", "possible"),
+    [
+        ("c", "exact", True),
+        ("c", "walton-braun", True),
+        ("c", "viscoelastic", False),
+        ("yade", "walton-braun", False),
+    ],
+)
+def test_a_held_restitution_is_promised_only_where_it_can_be_had(
+    code, law, possible, above_yield, tmp_path
+):
+    """ε = 0.99 was promised of Walton and Braun's spring in YADE, where `below="hold"` is refused."""
+    result, _ = above_yield
+    options = {"velocity_range": (20.0, 40.0), "law": law, "tolerance": 0.5, "steps": 50}
+    found = [w for w in cal.export(result, code, tmp_path, **options).warnings if "--below" in w]
+    if possible:
+        held = cal.export(result, code, tmp_path, below="hold", **options)
+        slowest = held.to_dict()["curve"]["exported"][0]
+        if law == "exact":
+            assert slowest == pytest.approx(curve(result.law, 20.0), rel=1e-9)
+        assert found == [f"With --below hold ε is held at {slowest:.4g} below 20 m/s."]
+    else:
+        with pytest.raises(cal.InputError, match="cannot be held"):
+            cal.export(result, code, tmp_path, below="hold", **options)
+        assert found == ["--below hold needs another law: the ε of this one cannot be held."]
+
+
 def test_the_picture_shows_both_curves_their_difference_and_the_tolerance(tmp_path):
     with drawn() as figures:
         export = cal.export(STEEL, "c", tmp_path, velocity_range=RANGE, tolerance=0.02)

@@ -1,6 +1,7 @@
 """Standard errors, intervals and bands of Zhou's law, against SciPy and iminuit on SciPy's own model."""
 
 import io
+import re
 
 import iminuit
 import jax.numpy as jnp
@@ -212,6 +213,14 @@ def test_velocities_alone_with_an_uncertainty_make_a_band_as_wide_as_the_slope(s
     expected = np.sqrt(mean.standard_error**2 + scatter + u_v**2)
     np.testing.assert_allclose(band.standard_error, expected, rtol=1e-4)
     assert not [one for one in result.warnings if one.code == "stated-uncertainty"]
+
+
+def test_degrees_of_freedom_of_many_points_are_printed_whole():
+    """To four digits 11 999 was 1.2e+04."""
+    restitution = 0.9 + 0.01 * np.tile([-1.0, 1.0], 6000)
+    data = cal.RestitutionData(np.linspace(1, 5, 12000), restitution)
+    result = cal.fit(data, "constant", profiles=False, starts=1)
+    assert re.search(r"12000 +11999 +0\.01 ", str(result))
 
 
 def test_a_set_without_free_parameters_has_the_quantile_of_its_own_noise():
