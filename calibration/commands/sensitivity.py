@@ -133,7 +133,8 @@ class _Job:
         middle = max(middle, math.sqrt(first * self.high))
         self.bars = arguments.at or [first, middle, self.high]
         self.inputs = inputs_of(self.source)
-        self.scale, self.seed = arguments.scale or "uniform", arguments.seed or 0
+        self.scale = arguments.scale or "uniform"
+        self.seed = 0 if arguments.seed is None else arguments.seed
         self.ranges = ranges_of(arguments.range, self.scale, self.inputs, self.source)
         self.fit, draws = self.source.result, self.source.draws
         self.subject = self.source.law if self.fit is None else self.fit
