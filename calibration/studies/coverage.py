@@ -98,10 +98,10 @@ class Coverage:
 
     name: str
     truth: Mapping[str, float]
-    estimates: Mapping[str, Float[np.ndarray, " sets"]]
-    errors: Mapping[str, Float[np.ndarray, " sets"]]
-    low: Mapping[str, Float[np.ndarray, " sets"]]
-    high: Mapping[str, Float[np.ndarray, " sets"]]
+    estimates: Mapping[str, Float[np.ndarray, " sets"]] = field(repr=False)
+    errors: Mapping[str, Float[np.ndarray, " sets"]] = field(repr=False)
+    low: Mapping[str, Float[np.ndarray, " sets"]] = field(repr=False)
+    high: Mapping[str, Float[np.ndarray, " sets"]] = field(repr=False)
     converged: float
     covered: Mapping[str, float]
     without_interval: Mapping[str, float]

@@ -256,6 +256,9 @@ def test_what_simulated_sets_say_is_what_they_are_made_of():
     np.testing.assert_allclose(np.log(high / x), stats.norm.ppf(0.975) * error / x, rtol=1e-6)
     assert found.spread["yield_factor"] == pytest.approx(np.std(x))
     assert found.ratio["yield_factor"] == pytest.approx(np.mean(error**2) ** 0.5 / np.std(x))
+    printed = repr(found)  # the shares, and no arrays
+    assert f"covered={found.covered}" in printed
+    assert "array" not in printed
     none = {"yield_factor": 0.0}
     assert (found.converged, found.without_interval, found.without_error) == (1.0, none, none)
     skewed = study("bronze drops, stated", 2)  # no ± where an end is an eighth of the width from it
