@@ -60,8 +60,10 @@ def test_every_cell_of_the_table_and_the_winner_s_scores_are_scipy_s(compared):
 
 def test_each_law_has_its_curve_in_the_picture(compared):
     figure = compared.figures["compare.png"]
-    upper, _ = figure.axes
+    upper, lower = figure.axes
     as_recorded("compare", compared.everything)
+    size = np.ptp(MADE)
+    assert lower.get_ylim() == pytest.approx((np.min(MADE) - size / 2, np.max(MADE) + size / 2))
     v, e = line(upper, "Walton–Braun")
     np.testing.assert_allclose(v[[0, -1]], VELOCITY[[0, -1]])
     np.testing.assert_allclose(e, curve(best()[0], v), atol=1e-6)

@@ -117,6 +117,7 @@ def test_profiles_are_drawn_through_the_minimised_cost(alloy):
         ends = [line.get_xdata()[0] for line in ax.get_lines() if line.get_label() == "interval"]
         np.testing.assert_allclose([rise(k, end / scale[k]) for end in ends], threshold, rtol=1e-2)
         assert ends[0] < values[k] < ends[1]
+        assert ax.get_ylim() == pytest.approx((0, 1.6 * threshold))
 
 
 def test_correlations_are_a_matrix_with_its_numbers(alloy, main_job):
@@ -188,6 +189,7 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
         np.testing.assert_allclose(points[0].get_data(), measured)
         at = np.asarray(sj.restitution(law, data.velocity).coefficient)
         np.testing.assert_allclose(left[0].get_ydata(), data.restitution - at, atol=1e-7)
+        assert ("no solution beyond" in labels(ax)) == (name == "nylon")
     end, last = line(places[2][0], "no solution beyond")
     y, value = line(places[2][0], printed)
     assert 22 < end[0] < 25  # there the loading force vanishes before the spheres stop
@@ -420,6 +422,15 @@ def test_residuals_have_the_colour_of_their_size_and_a_unit_stands_at_value_and_
     two_sizes = cal.fit(data, sj.ViscoelasticHertz, profiles=False)
     made = reported(two_sizes, tmp_path)
     as_recorded("two sizes", made.everything)
+    upper, lower = made.figures["curves.png"].axes
+    curves = [line for line in upper.get_lines() if str(line.get_label()).startswith("R = ")]
+    assert [curve.get_label() for curve in curves] == ["R = 2 mm", "R = 6 mm"]  # effective: half
+    data = two_sizes.material().data
+    for bars_of, curve_of, rows in zip(
+        lower.containers, curves, (slice(0, 6), slice(6, 12)), strict=True
+    ):
+        assert bars_of[0].get_color() == curve_of.get_color()
+        np.testing.assert_allclose(bars_of[0].get_xdata(), data.velocity[rows])
     sentence = " ".join(str(two_sizes).split())
     values, interval = sentence.split(" (95 % interval ")[:2]
     assert values.endswith(" s")
@@ -434,6 +445,8 @@ def test_residuals_of_groups_have_colours_and_markers(tmp_path):
     data = cal.RestitutionData(v, e, contact, group=group)
     made = reported(cal.fit(data, sj.ViscoelasticHertz, profiles=False), tmp_path)
     as_recorded("groups", made.everything)
+    parts = {ax.get_label(): ax[0] for ax in made.figures["curves.png"].axes[1].containers}
+    np.testing.assert_allclose(parts["group A"].get_xdata(), v[1::2])
     two = cal.fit([data, replace(data, name="b")], sj.ViscoelasticHertz, profiles=False)
     figures = reported(two, tmp_path).figures
     assert legend(figures["curves.png"])[-1] == "one marker for each group"
@@ -468,6 +481,13 @@ def test_an_outlier_is_marked_and_flattens_nothing_and_all_axes_are_of_one_kind(
         assert [len(x.get_xdata()) for x in (*rings, arrow)] == [1, 1]
         edge = ax.get_ylim()["v^".index(arrow.get_marker())]
         assert 0 < abs(arrow.get_ydata()[0] - edge) < 0.2 * np.ptp(ax.get_ylim())
+
+
+def test_pictures_are_narrow_enough_for_a_telephone(alloy, main_job, compared, studied):
+    """Scaled from 6.4 inches to 420 pixels, letters of 10 points are 9 pixels high."""
+    for job in (alloy, main_job, compared, studied):
+        assert job.figures
+        assert all(figure.get_figwidth() <= 6.5 for figure in job.figures.values())
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.0005])

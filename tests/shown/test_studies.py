@@ -17,6 +17,7 @@ from tests.cases import RADIUS, fitted
 from tests.command import BODIES, run
 from tests.shown.capture import as_recorded, band, labels, legend, line
 from tests.shown.conftest import shown
+from tests.shown.tables import cells
 from tests.shown.test_fit import EPSILON, SPEED, best, curve
 
 EFFECT = r"$\theta\,\partial\varepsilon/\partial\theta$"
@@ -50,7 +51,7 @@ def effect(name, v, h=1e-5):
 
 
 def test_sensitivities_over_velocity(studied):
-    """Curves, JSON and CSV by differences; inputs that act on nothing are named; parted at yield."""
+    """Curves, table, JSON and CSV by differences; inputs that act on nothing are named; parted at yield."""
     (ax,) = studied.figures["sensitivity.png"].axes
     as_recorded("sensitivity", studied.everything)
     yields = float(fitted("nylon").contact.critical_velocity)
@@ -60,15 +61,21 @@ def test_sensitivities_over_velocity(studied):
     np.testing.assert_allclose(velocity, np.geomspace(0.1, 60, 9))
     curve = restitution(velocity)
     np.testing.assert_allclose([float(row["restitution"]) for row in rows], curve, atol=1e-9)
+    head = "θ ∂ε/∂θ at v [m/s]"
+    lines = studied.out[studied.out.index(head) :].splitlines()
+    assert cells(lines[0]) == [head, "1", "10"]
+    table = {row[0]: [float(x) for x in row[1:]] for row in map(cells, lines[2:11])}
     study = json.loads(studied.text("sensitivity.json"))["local"]
     assert study["velocity"] == [1.0, 10.0]
-    for name, letter in LETTERS.items():
+    symbols = ("E", "ν", "ρ", "Y", "R", "χ̃", "σ", "ψ", "v")
+    for (name, letter), symbol in zip(LETTERS.items(), symbols, strict=True):
         slope = effect(name, velocity)
         in_csv = [float(row[f"{name} d(eps)/d({name})"]) for row in rows]
         np.testing.assert_allclose(in_csv, slope, atol=1e-7)
         in_csv = [float(row[f"dln(eps)/dln({name})"]) for row in rows]
         np.testing.assert_allclose(in_csv, slope / curve, atol=1e-7)
         at_bars = effect(name, [1.0, 10.0])
+        assert table[symbol] == pytest.approx(at_bars, abs=6e-6)
         np.testing.assert_allclose(study["theta_d_epsilon_d_theta"][name], at_bars, atol=1e-7)
         if letter == "$R$":
             continue
@@ -120,10 +127,12 @@ def test_a_design_shows_where_the_shots_are(studied):
     (ax,) = studied.figures["design.png"].axes
     design = json.loads(studied.text("sensitivity.json"))["design"]
     expected = cal.optimal_velocities(fitted("nylon"), 6, (0.1, 60.0), seed=2)
-    at, _ = zip(*expected.support, strict=True)
+    at, counts = zip(*expected.support, strict=True)
     found = [(p["velocity"], p["shots"]) for p in design["support"]]
     np.testing.assert_allclose(found, expected.support, rtol=1e-6)
     np.testing.assert_allclose(line(ax, "shots")[0], at, rtol=1e-6)
+    assert [text.get_text() for text in ax.texts] == [str(n) for n in counts]
+    assert sum(counts) == 6
     np.testing.assert_allclose(line(ax, "equally spaced")[0], np.linspace(0.1, 60, 6))
     for name in ("chi", "sigma", "psi"):
         v, slope = line(ax, rf"{EFFECT}, $\theta$ = {LETTERS[name]}")
@@ -138,9 +147,12 @@ def test_a_design_shows_where_the_shots_are(studied):
 
 
 def test_indices_stand_side_by_side_with_their_limits(studied):
-    """Bars and limits of sobol.png are those of sensitivity.json."""
+    """Bars and limits of sobol.png, and the table's cells, are those of sensitivity.json."""
     found = json.loads(studied.text("sensitivity.json"))["global"]
     figure = studied.figures["sobol.png"]
+    head = "Sobol indices, first (total) at v [m/s]"
+    lines = studied.out[studied.out.index(head) :].splitlines()
+    assert cells(lines[0]) == [head, "1", "10"]
     names = found["inputs"]
     assert names == list(LETTERS)[:8]
     for k, ax in enumerate(figure.axes):
@@ -152,6 +164,10 @@ def test_indices_stand_side_by_side_with_their_limits(studied):
             value, low, high = (found[f"{which}{end}"][k] for end in ("", "_low", "_high"))
             limits = np.stack([np.minimum(low, value), np.maximum(high, value)], axis=1)
             np.testing.assert_allclose(ends, limits, atol=1e-12)
+        pairs = zip(lines[2:10], found["first"][k], found["total"][k], strict=True)
+        for row, first, total in pairs:
+            a, b = (float(x.strip("()")) for x in cells(row)[1 + k].split())
+            assert (a, b) == (pytest.approx(first, abs=6e-4), pytest.approx(total, abs=6e-4))
 
 
 def test_a_wall_and_another_law(tmp_path):
