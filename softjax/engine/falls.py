@@ -157,7 +157,16 @@ def times(rise: Fall, fall: Fall, y: Array, route: Any, save=None):
     def stage(state, chosen):
         start, end, branch, begins, (bottom, span), frequency, *at = chosen
         state = jax.tree.map(partial(jnp.where, begins), (1.0, 0.0), state)
-        pull = partial(jax.lax.switch, branch, (rise.force, fall.force))
+
+        def pull(x, recovered):
+            """Of this branch; the other's force is computed at the peak, where it is a number."""
+            rises = branch == 0
+            upward = rise.force(*(jnp.where(rises, x, rise.top), jnp.where(rises, recovered, 0.0)))
+            downward = fall.force(
+                *(jnp.where(rises, fall.top, x), jnp.where(rises, 0.0, recovered))
+            )
+            return jnp.where(rises, upward, downward)
+
         field = _angle_field(pull, bottom, span, frequency)
 
         def eased(t, state):
