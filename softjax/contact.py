@@ -55,7 +55,7 @@ class Contact(eqx.Module):
     """Two bodies about to collide head-on, reduced to one body of effective properties.
 
     Stored leaves, independent of each other under differentiation:
-        youngs_modulus: E [Pa], 1/E = (1-mu1²)/E1 + (1-mu2²)/E2 (Eq. 2).
+        youngs_modulus: E [Pa], 1/E = (1-ν1²)/E1 + (1-ν2²)/E2 (Eq. 2).
         radius: R = R1 R2/(R1+R2) [m] (Eq. 2).
         mass: M = M1 M2/(M1+M2) [kg] (Eq. 3).
         yield_strength: Y [Pa], the smaller of the two.

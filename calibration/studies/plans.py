@@ -203,7 +203,12 @@ def plan_of(
     if contact is not None and any(map(np.ndim, contact.leaves().values())):
         raise DataError("contact", "other for each impact", "one for all impacts")
     if not plan.names:
-        raise DataError("parameters", "none free", "at least one that is free and determined")
+        accepted = "at least one that is free"
+        if is_fit:
+            accepted = (
+                "determined by the data of the fit, one at least: fix another, or give it a prior"
+            )
+        raise DataError("parameters", "none", accepted)
     uncertainty = plan.uncertainty if uncertainty is None else uncertainty
     return replace(plan, sensors=sized, uncertainty=uncertainty)
 

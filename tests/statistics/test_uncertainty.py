@@ -187,6 +187,8 @@ def test_a_band_has_no_limits_where_what_the_data_do_not_determine_moves_the_cur
             np.testing.assert_allclose(band.standard_error[1], expected, rtol=1e-4)
             np.testing.assert_allclose(band.high - band.coefficient, reach, rtol=1e-4)
             np.testing.assert_allclose(band.coefficient - band.low, reach, rtol=1e-4)
+    with pytest.raises(ValueError, match="determined by the data of the fit, one at least"):
+        cal.optimal_velocities(result, 4, (1.0, 5.0))
     # a prior of the rate carries the curve from there
     known = cal.fit(data, Decay, {"rate": cal.Parameter(prior=(0.1, 0.02))}, starts=1).band(v)
     curve = 0.8 * np.exp(-0.1 * (v - 2))
