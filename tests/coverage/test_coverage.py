@@ -227,7 +227,7 @@ def runs():
 def test_intervals_hold_the_truth_as_often_as_they_say(name, sets):
     """Parameters without intervals (at a bound, not separate) in a tenth of the sets are not counted.
 
-    Standard errors are compared with the scatter where tables print them.
+    Standard errors are no smaller than the scatter, and no larger where tables print them.
     """
     found = study(name, sets)
     assert found.converged >= 0.95
@@ -236,8 +236,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(name, sets):
     assert counted
     for label in counted:
         assert low <= found.covered[label] * sets <= high, label
+        assert found.ratio[label] >= 1 - 3.3 / np.sqrt(2 * sets), label
         if found.without_error[label] <= 0.5:
-            assert found.ratio[label] == pytest.approx(1, abs=3.3 / np.sqrt(2 * sets)), label
+            assert found.ratio[label] <= 1 + 3.3 / np.sqrt(2 * sets), label
         if name.startswith("velocities"):
             assert abs(found.bias[label]) < 0.2 + 3.3 / np.sqrt(sets) * (sets < 100), label
 
