@@ -21,8 +21,8 @@ from tests.refusals.table import (
     changed,
     genuine,
     loaded,
+    made,
     refusal,
-    sentence,
     sentences,
     written,
 )
@@ -50,6 +50,7 @@ def test_a_refusal_names_place_value_and_what_is_accepted(way, name, tmp_path):
         assert f"`{where}`" in line, line
     for word in words.split("|"):
         assert word in line, line
+    assert line == sentences().get((way, name), line)  # of `sentences.txt`
 
 
 def test_the_files_that_the_cases_spoil_are_good(tmp_path):
@@ -59,12 +60,6 @@ def test_the_files_that_the_cases_spoil_are_good(tmp_path):
     result = loaded(tmp_path, json.dumps(genuine()))
     assert json.loads(result.to_json()) == genuine()
     assert [body.radius for body in result.materials[0].data.bodies] == [0.0127, None]
-
-
-@pytest.mark.parametrize(("way", "name"), sentences())
-def test_whole_sentences(way, name, tmp_path):
-    """As `sentences.txt` has them, which `python -m tests.refusals.table` writes again."""
-    assert sentence(way, name, tmp_path) == sentences()[way, name]
 
 
 def test_arguments_of_public_names_have_the_defaults_that_are_recorded():
@@ -169,7 +164,7 @@ def test_material_files_that_are_read_are_valid(text, schemas, tmp_path):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_material_files_that_are_not_valid_are_refused(name, schemas, tmp_path):
-    text = CASES["TOML files", name][2]
+    text = made(CASES["TOML files", name][2], TOML).decode()
     assert not schemas["material_file.schema.json"].is_valid(tomllib.loads(text))
     assert refusal("TOML files", name, tmp_path) is not None
 

@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -52,101 +53,46 @@ CALLS = {name: partial(replace, example) for name, example in MADE.items()} | {
     "collide": call(sj.collide, law=LAW, velocity=1.0),
     "ODE": sj.ODE,
 }
-NO_NUMBERS = [math.nan, math.inf, -math.inf, "1.0", None, {}, 1 + 2j, True, object]
-NO_NUMBERS += [[[1.0], [1.0, 2.0]], np.array(["a"]), jnp.array([1.0, jnp.nan])]
-NO_NUMBERS += [np.ma.array([1.0, 2.0], mask=[True, False])]
 NEGATIVE = [-1.0, -1e-300, np.array([1.0, -1.0])]
-TEXT = ["steel", 1.0, sj.ODE, np.array([1.0, 2.0])]
-WORDS = ["First-order", "", None, 1, ["full"]]
-BIG = 1e120  # of a radius whose mass is no number
-SHARE = [0.0, -1.0, 1.01, math.nan, math.inf, "1", None]
-POSITIVE, OR_ZERO = [0, 0.0, *NEGATIVE], NEGATIVE
-VELOCITY = "a finite impact velocity in m/s, zero or more"
-
-# call and argument: values that are refused, what is accepted. Numbers: `NO_NUMBERS` too
-NUMBERS = {
-    "Material youngs_modulus": (POSITIVE, "a positive modulus in Pa"),
-    "Material poisson_ratio": ([-1.0, 0.500001, np.array([0.3, 0.6])], "a ratio in (-1, 0.5]"),
-    "Material density": (POSITIVE, "a positive density in kg/m³"),
-    "Material yield_strength": (POSITIVE, "a positive strength in Pa"),
-    "Contact youngs_modulus": (POSITIVE, "a positive modulus in Pa"),
-    "Contact radius": (POSITIVE, "a positive length in m"),
-    "Contact mass": (POSITIVE, "a positive mass in kg"),
-    "Contact yield_strength": (POSITIVE, "a positive strength in Pa"),
-    "Contact limit_velocity": (POSITIVE, "a positive velocity in m/s"),
-    "spheres radius_1": (POSITIVE, "a positive length in m"),
-    "spheres radius_2": (POSITIVE, "a positive length in m"),
-    "wall radius": (POSITIVE, "a positive length in m"),
-    "Zhou chi": (OR_ZERO, "an unloading factor of zero or more"),
-    "Zhou sigma": (OR_ZERO, "zero or more"),
-    "Zhou psi": (POSITIVE, "a positive exponent"),
-    "Thornton yield_factor": (POSITIVE, "a positive factor of the yield strength"),
-    "WaltonBraun loading_stiffness": (POSITIVE, "a positive"),
-    "WaltonBraun unloading_stiffness": (POSITIVE, ""),
-    "WaltonBraun growth": (OR_ZERO, "zero or more"),
-    "Linear stiffness": (POSITIVE, "a positive"),
-    "Linear restitution": (SHARE, "(0, 1]"),
-    "HertzDashpot restitution": (SHARE, "(0, 1]"),
-    "Viscoelastic dissipation_time": (OR_ZERO, "zero or more"),
-    "Constant restitution": ([-0.1, 1.1, np.array([0.5, 2.0])], "[0, 1]"),
-    "Eq. 17 limit_velocity": (POSITIVE, "a positive"),
-    "Eq. 17 sigma": (OR_ZERO, "zero or more"),
-    "Eq. 17 psi": (POSITIVE, "a positive"),
-    "empirical velocity": (OR_ZERO, VELOCITY),
-    "empirical sigma": (OR_ZERO, "zero or more"),
-    "thornton velocity": (OR_ZERO, VELOCITY),
-    "thornton yield_factor": (POSITIVE, "a positive"),
-    "restitution velocity": ([*OR_ZERO, np.array([0.1], np.longdouble), "fast"], VELOCITY),
-    "collide velocity": (OR_ZERO, VELOCITY),
+NOT_NUMBERS = [math.nan, math.inf, -math.inf, "1.0", None, {}, 1 + 2j, True, object]
+NOT_NUMBERS += [[[1.0], [1.0, 2.0]], np.array(["a"]), jnp.array([1.0, jnp.nan])]
+NOT_NUMBERS += [np.ma.array([1.0, 2.0], mask=[True, False])]
+WORDS = ["", None, 1]
+# what is given for something else
+VALUES = {
+    "number": NOT_NUMBERS,
+    "positive": [0, 0.0, *NEGATIVE],
+    "zero or more": NEGATIVE,
+    "ratio": [-1.0, 0.500001, np.array([0.3, 0.6])],
+    "share": [0.0, -1.0, 1.01],
+    "restitution": [-0.1, 1.1, np.array([0.5, 2.0])],
+    "one": [1.0],
+    "size": [1e120, 1e-120],  # of a radius whose mass is no number
+    "precision": [np.array([0.1], np.longdouble), "fast"],
+    "word": [*WORDS, "First-order", ["full"]],
+    "object": ["steel", 1.0, sj.ODE, np.array([1.0, 2.0])],
+    "contact": [1.0, "steel"],
+    "contact or none": [1.0, "steel", None],
+    "law": [LAW],
+    "nothing": [None],
+    "area": ["zhou", None, 1],
+    "end": ["zero", None, 0],
+    "truth": ["yes", 1, [1.0], [[True], [True, False]]],
+    "route": [sj.EnergyBalance(), "ode", 1],
+    "samples": [2, 0, -1, 2.0, "5", None, True],
+    "tolerance": [0.0, -1e-6, 1.0, 1e-15, math.nan, "1e-6", [1e-6]],
+    "count": [0, -1, 2.0, 2.5, "2", True],
+    "solver": [*WORDS, "First", ["dopri8"]],
 }
-OTHERS = {
-    "Contact area": (WORDS, "'zhou' or 'hertz'"),
-    "spheres area": (WORDS, "'zhou' or 'hertz'"),
-    "spheres material_1": (TEXT, "a Material"),
-    "spheres material_2": (TEXT, "a Material"),
-    "spheres radius_2": ([BIG, 1 / BIG], "of a sphere whose mass"),
-    "wall area": (WORDS, "'zhou' or 'hertz'"),
-    "wall material": (TEXT, "a Material"),
-    "wall wall": (TEXT, "a Material"),
-    "wall radius": ([BIG, 1 / BIG], "of a sphere whose mass"),
-    "Zhou form": (WORDS, "'first-order' or 'full'"),
-    "Zhou kappa": (WORDS, "'consistent' or 'printed'"),
-    "Thornton area": (["zhou", None, 1], "'hertz' or 'contact'"),
-    "WaltonBraun unloading_stiffness": ([1.0], "at least"),
-    "Linear end": (["zero", None, 0], "'zero-overlap' or 'zero-force'"),
-    "HertzDashpot end": (["zero", None, 0], "'zero-overlap' or 'zero-force'"),
-    "thornton contact": ([None, LAW], "a Contact"),
-    "restitution law": (TEXT, "a contact law"),
-    "restitution route": (TEXT, "EnergyBalance(), ClosedForm() or ODE(...)"),
-    "signed elastic": (
-        ["yes", 1, [1.0], [[True], [True, False]]],
-        "True, False or an array of these",
-    ),
-    "collide law": (TEXT, "a contact law"),
-    "collide route": ([sj.EnergyBalance(), "ode", 1], "ODE(...)"),
-    "collide samples": ([2, 0, -1, 2.0, "5", None, True], "a whole number >= 3"),
-    "ODE rtol": ([0.0, -1e-6, 1.0, 1e-15, math.nan, "1e-6", [1e-6]], "a number in [1e-14, 0.1]"),
-    "ODE steps": ([0, -1, 2.0, "2", True], "a whole number >= 1"),
-    "ODE max_steps": ([0, -1, 2.5, None, "2", True], "a whole number >= 1"),
-    "ODE solver": (
-        ["First", "", None, 1, ["dopri8"]],
-        "'dopri8' or 'dopri5' or 'tsit5' or 'bosh3'",
-    ),
-}
-CONTACTS = ("Zhou", "Thornton", "WaltonBraun", "Linear", "HertzDashpot", "Viscoelastic", "Hertz")
-OTHERS |= {f"{name} contact": ([1.0, "steel", None], "a Contact") for name in CONTACTS}
-OTHERS["Constant contact"] = ([1.0, "steel"], "a Contact")
-ROWS = [
-    (place, [*values, *more], accepted)
-    for table, more in ((NUMBERS, NO_NUMBERS), (OTHERS, []))
-    for place, (values, accepted) in table.items()
-]
+# call and argument, what is given, what is accepted
+LINES = Path(__file__).with_name("arguments.txt").read_text(encoding="utf-8").splitlines()
+ROWS = [[part.strip() for part in line.split(" |")] for line in LINES]
 
 
-@pytest.mark.parametrize(("place", "values", "accepted"), ROWS)
-def test_what_is_refused(place, values, accepted):
+@pytest.mark.parametrize(("place", "given", "accepted"), ROWS)
+def test_what_is_refused(place, given, accepted):
     name, argument = place.rsplit(" ", 1)
-    for value in values:
+    for value in [value for kind in given.split(", ") for value in VALUES[kind]]:
         with pytest.raises(ValueError, match=f"`{argument}`") as caught:
             CALLS[name](**{argument: value})
         message = str(caught.value)

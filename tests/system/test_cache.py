@@ -57,28 +57,46 @@ def test_programs_are_kept_unless_not_wanted_and_written_again_where_cut_short(t
     assert all(len(again[path]) > 0.9 * len(kept[path]) for path in kept)
 
 
-def test_a_home_that_takes_no_files_is_not_reported(tmp_path):
-    """Matplotlib has a cache of its own, of which it prints two lines."""
-    words = [*WORDS, "--no-cache", "--format", "png", "--out", tmp_path]
-    done = subprocess.run(
-        [sys.executable, "-m", "calibration", *words],
-        env={k: v for k, v in os.environ.items() if k != "MPLCONFIGDIR"}
-        | {"HOME": "/dev/null", "XDG_CONFIG_HOME": "", "XDG_CACHE_HOME": ""},
-        capture_output=True,
-        check=True,
-    )
-    assert done.stderr == b""
-    assert (tmp_path / "curve.png").exists()
-
-
 def test_who_has_a_cache_keeps_it_and_without_a_place_nothing_fails(at, monkeypatch):
     """All tests have one, by the environment."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(at / "home"))
     assert run(*WORDS, "--format", "csv", "--quiet") == (0, "", "")
     assert not (at / "home").exists()
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    assert run("--no-cache", *WORDS, "--format", "csv", "--quiet") == (0, "", "")
+    assert not (at / "home").exists()
     (at / "home").write_text("", encoding="utf-8")
     assert run(*WORDS, "--format", "csv", "--quiet") == (0, "", "")
+
+
+PROCESSOR = "processor : {k}\nmodel name : {name}\nflags : fpu vme\ncpu MHz : {k}00\n"
+
+
+def test_each_kind_of_processor_has_its_programs_in_a_bounded_folder(at, monkeypatch):
+    """Machines of a cluster share a home; how many cores there are, and how fast now, is no matter."""
+    read, config = Path.read_text, {}
+    monkeypatch.setattr(jax.config, "update", config.__setitem__)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(at / "home"))
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    folders = []
+    for name, count in (("A64", 1), ("A64", 3), ("B64", 3)):
+        cores = "\n".join(PROCESSOR.format(k=k, name=name) for k in reversed(range(count)))
+        of = {"/proc/cpuinfo": cores}
+        monkeypatch.setattr(
+            Path, "read_text", lambda path, of=of, **k: of.get(str(path)) or read(path, **k)
+        )
+        assert run(*WORDS, "--format", "csv", "--quiet") == (0, "", "")
+        folders.append(Path(config.pop("jax_compilation_cache_dir")))
+    one, same, other = folders
+    assert one == same != other
+    assert one.parent == other.parent == at / "home" / "softjax"
+    assert {*one.parent.iterdir()} == {one, other}
+    assert config == {
+        "jax_enable_x64": True,
+        "jax_compilation_cache_max_size": 2**28,
+        "jax_persistent_cache_min_compile_time_secs": 0,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+    }
 
 
 @pytest.mark.long
@@ -108,7 +126,6 @@ def test_doctor_has_versions_and_checks_itself_by_narrow_limits(at, monkeypatch)
         found, allowed = (part.split()[-1] for part in entries[name].split(","))
         assert allowed == most
         assert 0 < float(found) <= float(most)
-    assert run("doctor", "--quiet") == (0, "", "")
     monkeypatch.setattr(jax, "jacfwd", lambda _: lambda theta: 0 * theta[:1, None])
     assert run("doctor", "--quiet") == (1, "", "softjax doctor: the self-check failed\n")
     assert "self-check FAILED" in run("doctor")[1]

@@ -238,44 +238,6 @@ def signalled(at, monkeypatch):
     return said
 
 
-@pytest.mark.parametrize("number", CODES)
-def test_a_command_that_is_stopped_leaves_what_was_there(number, signalled, at):
-    line = "softjax: interrupted, nothing written\n"
-    assert signalled(number, unheard) == (CODES[number], "", line)
-    assert [path.name for path in at.rglob("*")] == ["results", "curve.csv"]
-    assert (at / "results" / "curve.csv").read_text() == "old"
-
-
-def asleep():
-    """For five seconds, unless a signal is raised: a single sleep would go on to its end."""
-    for _ in range(100):
-        time.sleep(0.05)
-
-
-def while_collecting(number):
-    """Send a signal during a garbage collection, whose callbacks swallow what is raised in them, and wait."""
-
-    def callback(*_):
-        gc.callbacks.remove(callback)
-        signal.raise_signal(number)
-
-    gc.callbacks.append(callback)
-    gc.collect()
-    asleep()
-
-
-@pytest.mark.parametrize("wait", [0.0, 0.5])
-def test_a_signal_that_garbage_collection_swallowed_stops_a_command(
-    signalled, at, monkeypatch, wait
-):
-    """On a busy machine, where a thread is long in starting, too."""
-    line, start = "softjax: interrupted, nothing written\n", threading.Thread.start
-    monkeypatch.setattr(threading.Thread, "start", lambda self: (start(self), time.sleep(wait)))
-    code, out, error = signalled(signal.SIGTERM, unheard, while_collecting)
-    assert (code, out, error[-len(line) :]) == (143, "", line)
-    assert wait or error == line
-
-
 def test_results_of_a_working_directory_that_was_removed_are_not_written(at, monkeypatch):
     (at / "gone").mkdir()
     monkeypatch.chdir(at / "gone")
@@ -286,46 +248,81 @@ def test_results_of_a_working_directory_that_was_removed_are_not_written(at, mon
     assert (code, out, error) == (3, "", line)
 
 
-def while_importing(number):
-    """Extension modules make an `ImportError` of what is raised while they begin."""
+def wait(steps=500):
+    """Five seconds, between whose steps a signal is heard."""
+    for _ in range(steps):
+        time.sleep(0.01)
+
+
+def while_collecting(number):
+    """Send a signal during a garbage collection, whose callbacks swallow what is raised in them."""
+
+    def callback(*_):
+        gc.callbacks.remove(callback)
+        signal.raise_signal(number)
+
+    gc.callbacks.append(callback)
+    gc.collect()
+    wait()
+
+
+def while_an_extension_begins(number):
+    """Extension modules make an `ImportError` of what is raised then."""
     try:
         signal.raise_signal(number)
     except KeyboardInterrupt:
         raise ImportError("an extension that was interrupted") from None
 
 
-def test_a_signal_of_which_an_import_made_another_error_stops_a_command(signalled):
-    line = "softjax: interrupted, nothing written\n"
-    assert signalled(signal.SIGTERM, unheard, while_importing) == (143, "", line)
-
-
-def test_a_signal_waits_for_the_end_of_an_import(signalled, tmp_path, monkeypatch):
+def while_importing(number):
     """What an extension calls while it begins may crash it: the process ended by a segmentation fault."""
-    (tmp_path / "begins.py").write_text("import signal\nsignal.raise_signal(15)\nis_whole = True\n")
-    monkeypatch.syspath_prepend(tmp_path)
-
-    def send(number):
+    Path("begins.py").write_text(
+        f"import signal\nsignal.raise_signal({number:d})\nis_whole = True\n"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(os.getcwd())
         assert importlib.import_module("begins").is_whole
-        asleep()
-
-    line = "softjax: interrupted, nothing written\n"
-    assert signalled(signal.SIGTERM, unheard, send) == (143, "", line)
+        os.remove("begins.py")
+        wait()
 
 
-def while_swallowing(number, then=asleep):
+def while_swallowing(number, then=500):
     """C code that looks an attribute up clears whatever is raised meanwhile."""
     try:
         signal.raise_signal(number)
     except KeyboardInterrupt:
-        then()
+        wait(then)
 
 
-def test_a_signal_that_was_swallowed_is_raised_again(signalled, at):
+STOPS = [(number, signal.raise_signal) for number in CODES]
+STOPS += [(signal.SIGINT, while_swallowing)]
+HOW = (while_collecting, while_an_extension_begins, while_importing)
+STOPS += [(signal.SIGTERM, send) for send in HOW]
+
+
+@pytest.mark.parametrize(("number", "send"), STOPS)
+def test_a_command_that_is_stopped_leaves_what_was_there(number, send, signalled, at):
     line = "softjax: interrupted, nothing written\n"
-    assert signalled(signal.SIGINT, unheard, while_swallowing) == (130, "", line)
-    code, out, error = signalled(signal.SIGTERM, unheard, partial(while_swallowing, then=int))
+    assert signalled(number, unheard, send) == (CODES[number], "", line)
+    assert {path.name for path in at.iterdir()} <= {"results", "__pycache__"}
+    assert os.listdir("results") == ["curve.csv"]
+    assert (at / "results" / "curve.csv").read_text() == "old"
+
+
+def test_a_signal_stops_where_a_thread_is_long_in_starting_and_says_what_was_written(
+    signalled, monkeypatch
+):
+    code, out, error = signalled(signal.SIGTERM, unheard, partial(while_swallowing, then=0))
     line = "softjax: interrupted after its results were written to results\n"
     assert (code, out, error) == (143, "", line)
+    start = threading.Thread.start
+    monkeypatch.setattr(threading.Thread, "start", lambda self: (start(self), time.sleep(0.5)))
+    code, out, error = signalled(signal.SIGTERM, unheard, while_collecting)
+    assert (code, out, error.splitlines()[-1]) == (
+        143,
+        "",
+        "softjax: interrupted, nothing written",
+    )
 
 
 def test_an_ignored_hangup_stays_ignored(signalled, at):
