@@ -119,17 +119,10 @@ def test_the_readme_is_short_shows_every_command_and_says_first_what_the_data_ar
     assert re.search(r"# (\[0\..*\])", README)[1] in sj.restitution.__doc__
 
 
-@each
-def test_links_lead_to_files(page):
-    text = page.read_text(encoding="utf-8")
-    links = [link for link in re.findall(r"\]\(([^)#\s]+)", text) if "://" not in link]
-    assert [link for link in links if not (page.parent / link).is_file()] == []
-
-
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     out = tmp_path_factory.mktemp("reference")
-    assert site.build(out) == []
+    assert site.build(out) == []  # no dead link, no public name without a docstring
     return out
 
 

@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 from tests.golden.numbers import same_print
 
 RECORDED = Path(__file__).with_name("recorded.json")
+COUNT = re.compile(r"(?<![\d.])(?<!e[-+])\d{1,2}(?![\d.e])")
+WIDEST = 6.5  # inches: on a telephone, 420 pixels, letters of 10 points are 9 pixels high
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -78,6 +80,7 @@ def bars(container, which: int = 0) -> np.ndarray:
 
 def looks(figure: Figure) -> list[str]:
     """Its size and title, and lines for each of its axes: place, words, ticks, and all that is drawn."""
+    assert figure.get_figwidth() <= WIDEST
     rounded = lambda *numbers: " ".join(f"{x:.4g}" for x in np.hstack([*numbers, []]) + 0.0)  # noqa: E731
     rows = [rounded(figure.get_size_inches()) + f" {figure.get_suptitle()}"]
     for x in (*figure.legends, *(ax.get_legend() for ax in figure.axes)):
@@ -96,18 +99,19 @@ def looks(figure: Figure) -> list[str]:
         for x in ax.get_lines():
             dashes = rounded(x._unscaled_dash_pattern[0], x._unscaled_dash_pattern[1] or ())
             label = f"{x.get_label()} " * (str(x.get_label())[0] != "_")
-            look = f"{x.get_marker()} {to_hex(x.get_color())} {x.get_linewidth():g} {dashes}"
+            marker = f"{x.get_marker()} {x.get_markersize():g} {to_hex(x.get_markerfacecolor())}"
+            look = f"{marker} {to_hex(x.get_color())} {x.get_linewidth():g} {dashes}"
             parts.append(f"{label}{look} through {rounded(*map(ends_and_mean, x.get_data()))}")
         for x in ax.texts:
-            parts.append(
-                f"{x.get_text()} at {rounded(x.get_position(), x.get_rotation())} {x.get_ha()}"
-            )
+            place = f"{rounded(x.get_position(), x.get_rotation())} {x.get_ha()} {x.get_va()}"
+            parts.append(f"{x.get_text()} {to_hex(x.get_color())} at {place}")
         parts += [rounded(ends_and_mean(x.get_array().ravel()), x.get_clim()) for x in ax.images]
         for x in ax.patches:
             parts.append(f"{to_hex(x.get_facecolor())} {rounded(x.get_extents().bounds)}")
         for x in ax.collections:
             outline = np.concatenate([path.vertices for path in x.get_paths()] or [[[np.nan] * 2]])
-            parts.append(f"{x.get_alpha() or 1:g} {rounded(*map(ends_and_mean, outline.T))}")
+            colours = sorted({to_hex(c) for c in (*x.get_facecolor(), *x.get_edgecolor())})
+            parts.append(f"{colours} {rounded(*map(ends_and_mean, outline.T))}")
         rows += [f"{part} |" for part in parts]
     return rows
 
@@ -129,17 +133,23 @@ def words(text: str) -> list[str]:
     return [block for block in blocks if block and not re.match(r"\d{4}-\d\d-\d\d; ", block)]
 
 
+def same(old: str, new: str) -> bool:
+    """Whether texts agree to one unit of the last digit of each number, and in their counts."""
+    counts = COUNT.findall(old), COUNT.findall(new)
+    return same_print(old, new) and (counts[0] == counts[1] or len(counts[0]) != len(counts[1]))
+
+
 def as_recorded(name: str, shown: Mapping[str, Figure | str], exactly: bool = False) -> None:
-    """Pictures and texts by the names of their files as `recorded.json` has them, printed numbers to one
-    unit of their last digit, unless `exactly`; SOFTJAX_RECORD=1 records them."""
+    """Pictures and texts by the names of their files as `recorded.json` has them, but for the last digits
+    of numbers, unless `exactly`; SOFTJAX_RECORD=1 records them."""
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
     found = {file: words(x) if isinstance(x, str) else looks(x) for file, x in shown.items()}
     if "SOFTJAX_RECORD" in os.environ:
         text = json.dumps(recorded | {name: found}, indent=1, sort_keys=True, ensure_ascii=False)
         RECORDED.write_text(f"{text}\n", encoding="utf-8")
         return
-    same = str.__eq__ if exactly else same_print
+    agree = str.__eq__ if exactly else same
     for file in {**recorded[name], **found}:
         pairs = zip_longest(*(x.get(file, ()) for x in (recorded[name], found)), fillvalue="")
-        off = [f"was {old}\nis  {new}" for old, new in pairs if not same(old, new)]
+        off = [f"was {old}\nis  {new}" for old, new in pairs if not agree(old, new)]
         assert not off, "\n".join([f"{name}, {file}:", *off])
