@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator
 
 from tests.golden.numbers import same_print
 
@@ -95,6 +96,8 @@ def looks(figure: Figure) -> list[str]:
             ticks, ends = axis.get_ticklocs(), sorted(axis.get_view_interval())
             words = f"{axis.get_label_text()} {axis.get_scale()} {rounded(ends)} at"
             parts.append(f"{words} {rounded(ticks[(ticks >= ends[0]) & (ticks <= ends[1])])}")
+            if isinstance(axis.get_major_locator(), FixedLocator):
+                parts.append(str(sorted(name.get_text() for name in axis.get_ticklabels())))
         parts.append(rounded([x.get_rotation() for x in ax.get_xticklabels()[:1]]))
         for x in ax.get_lines():
             dashes = rounded(x._unscaled_dash_pattern[0], x._unscaled_dash_pattern[1] or ())
