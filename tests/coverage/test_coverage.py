@@ -269,6 +269,15 @@ def test_what_simulated_sets_say_is_what_they_are_made_of():
     away = np.abs([x - low, high - x] - stats.norm.ppf(0.975) * error).max(0)
     assert skewed.without_error["chi"] == np.mean(away > (high - low) / 8) == 1
     assert skewed.without_interval["chi"] == 0
+    joined = cal.CoverageCase(
+        "joined",
+        Decay(0.93, 0.03),
+        np.linspace(1, 8, 8),
+        parameters={"level": cal.Parameter(0.9), "rate": cal.Parameter(0.03, shared=True)},
+        options=QUICK,
+    )
+    (found,) = cal.coverage_study([joined], 2, 7)  # each set is a study of its own
+    assert np.ptp(found.estimates["rate"]) > 0.1 * found.errors["rate"][0]
     truth = sj.EmpiricalRestitution(30.0, 0.9, 0.5)
     assert cal.CoverageCase("Eq. (17)", truth, [1.0, 2.0]).data().limit_velocity == 30
     damped = sj.ViscoelasticHertz(pair("nylon"), 2e-6)  # no energy balance

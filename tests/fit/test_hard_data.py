@@ -1,5 +1,7 @@
 """Data on which a fit, or its errors, once ended elsewhere: minima, bounds and variances."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -100,6 +102,7 @@ def test_what_follows_a_parameter_without_bound_has_no_interval():
     assert result.values["sigma"] is None
     psi = result.estimates["psi"]
     assert psi.low is psi.high is psi.standard_error is None
+    assert re.search(r"σ +not determined +\S+ … open +profile\n +ψ +\S+ +–\n", str(result))
     law, ratio = result.materials[0].law, np.log(limit / critical - 1)
     near, far = (
         sj.Zhou(law.contact, law.chi, law.sigma / part, law.psi - np.log(part) / ratio)

@@ -130,8 +130,8 @@ def test_a_ridge_is_sampled_and_every_group_has_units_and_priors():
 def test_priors_pools_and_what_else_was_measured_enter_as_documented():
     """ln p of the priors in z = ln θ and the like, at draws, up to a constant; and of each point."""
 
-    def spring(contact, level, stiffness, tilt):
-        return sj.LinearSpringDashpot(contact, stiffness, level * jnp.exp(tilt))
+    def spring(contact, level, stiffness, tilt, turn):
+        return sj.LinearSpringDashpot(contact, stiffness, level * jnp.exp(tilt + turn))
 
     random, velocity = np.random.default_rng(3), V[::2]
     contact = cal.paper_materials()[2].contact
@@ -149,6 +149,7 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
         "level": cal.Parameter(0.85, prior=(0.85, 0.05), bounds=(0, np.inf), shared=True),
         "stiffness": cal.Parameter(3e6, shared="pooled"),
         "tilt": cal.Parameter(0.0, shared=True),
+        "turn": cal.Parameter(0.0, bounds=(-np.inf, 0.5), shared=True),
     }
     fit = cal.fit(sets, spring, parameters, profiles=False, starts=1)
     draws = fit.posterior(draws=40, chains=1, seed=3, warmup=60)
@@ -157,13 +158,15 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
     expected = stats.norm.logpdf(value["level"], 0.85, 0.05) + np.log(value["level"])
     expected += stats.norm.logpdf(np.log(mean), np.log(3e6), 2.0)
     expected += stats.norm.logpdf(value["tilt"], 0, 10.0)
+    expected += stats.norm.logpdf(np.log(0.5 - value["turn"]), np.log(0.5), 2.0)
     noises = [value[name] for name in value if "noise" in name]
     assert len(noises) == 4
     for noise, of in ((spread, 0.5), *((one, 0.1) for one in noises)):
         expected += stats.halfnorm.logpdf(noise, 0, of) + np.log(noise)
     by_point, measured = [], []
     for data in sets:
-        own, e = value[f"stiffness[{data.name}]"], value["level"] * np.exp(value["tilt"])
+        own, turned = value[f"stiffness[{data.name}]"], value["tilt"] + value["turn"]
+        e = value["level"] * np.exp(turned)
         expected += stats.norm.logpdf((np.log(own) - np.log(mean)) / spread)  # is standard normal
         times, noise = data.observed[0], value[f"contact_time_noise[{data.name}]"]
         by_point.append(stats.norm.logpdf(data.restitution, e, value[f"noise[{data.name}]"]))
@@ -191,6 +194,7 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
     share = np.std(value["level"]) / 0.05
     assert about["level"]["prior_share"] == pytest.approx(share, rel=0.1)
     assert (about["level"]["lower"], about["level"]["upper"]) == (0, np.inf)
+    assert priors["turn"] == "log-normal, median 0, with 68 % from -3.2 to 0.43"  # 1/2 - e^±2/2
     assert priors["stiffness[a]"] == "around stiffness, with stiffness_spread"
     assert priors["stiffness"] == "log-normal, median 3e+06, with 68 % from 4.1e+05 to 2.2e+07"
 

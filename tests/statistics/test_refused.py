@@ -15,6 +15,7 @@ CRITICAL = float(LAW.contact.critical_velocity)
 DATA, NYLON = eq_17_data("nylon"), cal.of_spheres(MATERIALS["nylon"], RADIUS, **FITTED["nylon"])
 V = np.linspace(1.0, 8.0, 8)
 PLAIN = cal.RestitutionData(V, 0.9 - 0.02 * V, uncertainty=0.01)
+UNSTATED = cal.RestitutionData(V, 0.9 - 0.02 * V)
 TIMED = cal.RestitutionData(V, 0.9 - 0.02 * V, DATA.contact, contact_time=np.full(8, 1e-5))
 POOLED = {"restitution": Free(shared="pooled")}
 GROUPED = cal.RestitutionData(V, 0.9 - 0.02 * V, group=list("aabbccdd"))
@@ -108,6 +109,7 @@ REFUSED = [
     (lambda: Free(shared="pooled", prior=(1, 1)), "`prior` must be left out"),
     (lambda: fit(PLAIN, "constant", parameters=POOLED), "left out for one data set alone"),
     *((lambda f=f, n=n, v=v: f(**{n: v}), rf"`{n}` must be a whole number >= {low}, but is {v}$") for f, least in LEAST.values() for n, low in least.items() for v in (low - 1, low + 0.5, True)),
+    *((lambda d=d, o=o: cal.problem(d, "constant", **o).log_likelihood({"restitution": 0.9}), "`theta` must be with it: only plain normal noise is profiled") for d, o in ((UNSTATED, {"noise": "student-t"}), (GROUPED, {}))),
     # what is made of a fit
     (lambda: quick().band(1.0, observable="contact_tim"), "`observable` must be .*did you mean 'contact_time'"),
     *((lambda c=c: quick().band(1.0, confidence=c), "`confidence` must be between 0 and 1") for c in (95, True, "0.95")),
@@ -128,6 +130,7 @@ REFUSED = [
     (lambda: information(fitted("nylon", chi=np.array([0.1, 0.2]))), "chi"),
     (lambda: information(fitted("nylon", sigma=0.0)), "sigma"),
     (lambda: information(LAW, [1.0, -1.0, 2.0, 3.0]), "velocity"),
+    (lambda: information(quick(), [2.0, 0.0]), "`velocity` must be positive speeds in m/s"),
     (lambda: information(LAW, [1.0, 1e4, 2.0, 3.0]), "velocity"),
     (lambda: information(uncertainty=[0.01, 0.01, 0.01, 0.01, 0.0]), "uncertainty"),
     (lambda: information(material="nylon"), "material"),

@@ -161,12 +161,12 @@ def test_raised_by_one_and_not_by_its_neighbour(case):
 # thresholds, by constants fitted to residuals that are made to measure
 
 
-def constant(residual, velocity=None, uncertainty=None, group=None):
-    """A constant ε about residuals of mean zero."""
+def constant(residual, velocity=None, uncertainty=None, group=None, parameters=None):
+    """A constant ε about residuals of mean zero, or a given one."""
     velocity = np.arange(1.0, len(residual) + 1) if velocity is None else velocity
     e = 0.8 + 0.01 * residual
     data = cal.RestitutionData(velocity, e, uncertainty=uncertainty, group=group)
-    return cal.fit(data, "constant", profiles=False, starts=1)
+    return cal.fit(data, "constant", parameters, profiles=False, starts=1)
 
 
 def alternating(n):
@@ -210,13 +210,17 @@ def neighbours(by):
     return constant(residual, velocity)
 
 
-def grubbs(by):
-    """Groups of six alike points, whose own errors are small: the means' test by SciPy's t."""
+def grubbs(by, given=None):
+    """Groups of six alike points, whose own errors are small: the means' test by SciPy's t.
+
+    Of a given ε all groups may be off: it is from the others that one is far.
+    """
     means = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
     limit = stats.t.ppf(1 - 0.005 / 6, 4)
     means = np.append(means, by * limit * np.std(means, ddof=1) * np.sqrt(1 + 1 / 5))
     residual = 0.1 * np.repeat(means, 6) + 1e-3 * alternating(36)
-    return constant(residual, np.linspace(1, 5, 36), group=[*np.repeat([*"abcdef"], 6)])
+    group = [*np.repeat([*"abcdef"], 6)]
+    return constant(residual, np.linspace(1, 5, 36), group=group, parameters=given)
 
 
 def off_as_a_whole(by, stated=False):
@@ -250,6 +254,7 @@ SIDED = {  # and words of the cause
     "prior-conflict": (prior, "restitution is 0.8, 3"),
     "groups": (neighbours, ""),
     "offset, of a group": (grubbs, "group f is of"),
+    "offset, of a given curve": (partial(grubbs, given={"restitution": 0.806}), "group f is of"),
     "offset, of a set": (off_as_a_whole, "above the curve"),
     "offset, beside stated errors": (partial(off_as_a_whole, stated=True), "above the curve"),
     "no-velocity-dependence": (slope, ""),
