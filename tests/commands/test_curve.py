@@ -284,8 +284,12 @@ def test_curve_band_and_table_agree_on_what_the_data_do_not_determine(at, above_
     np.testing.assert_array_equal([row[-1] == "NOT_DETERMINED" for row in written], ~known)
     assert {tuple(row[1:4]) for row, k in zip(written, known, strict=True) if not k} == {("",) * 3}
     np.testing.assert_array_equal(table(at)[1][:, 0], velocity[known])
-    critical = float(result.law.contact.critical_velocity)
-    assert f"restitution below {critical:.6g} m/s: no rows" in " ".join(table(at)[0])
+    critical, header = float(result.law.contact.critical_velocity), " ".join(table(at)[0])
+    assert f"restitution below {critical:.6g} m/s: no rows" in header
+    beyond = ["--from", "1.5", "--to", "200", "--points", "12", "--table"]
+    assert run("curve", "--fit", path, *beyond)[0] == 0
+    header = table(at)[0]  # in which a name of two lines ends no comment
+    assert any(r"the data of my\nnylon from 1.5 to 60 m/s" in line for line in header)
 
 
 def test_limits_are_empty_where_one_velocity_determines_nothing_and_a_line_says_so(at):

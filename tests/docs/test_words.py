@@ -27,7 +27,6 @@ IDIOM = re.compile(
     re.I,
 )
 ALLOWED = ("no doubt",)
-JOINT = re.compile(r"""["']\s*\n\s*f?["']""")  # of a text over two lines
 
 
 def idioms(text: str) -> list[str]:
@@ -47,8 +46,6 @@ def prose(path: Path) -> str:
 def texts(path: Path) -> tuple[str, str]:
     """Messages, headings and helps of a module, which have more than one word; its docstrings and comments."""
     text = path.read_text(encoding="utf-8")
-    if not idioms(JOINT.sub("", text)):  # as of most, which then need not be taken apart
-        return "", ""
     nodes = list(ast.walk(ast.parse(text)))
     alone = {id(n.value) for n in nodes if isinstance(n, ast.Expr)}
     strings = [n for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str)]

@@ -54,7 +54,8 @@ def test_a_refusal_names_place_value_and_what_is_accepted(way, name, tmp_path):
 
 
 def test_the_files_that_the_cases_spoil_are_good(tmp_path):
-    """And a result that was saved loads back the same, with its bodies."""
+    """A result that was saved loads back the same, with its bodies; and each whole sentence is of a case."""
+    assert sentences().keys() <= CASES.keys()
     (data,) = cal.read_problem(written(tmp_path, TOML, CSV)).datasets
     assert len(data) == 3
     result = loaded(tmp_path, json.dumps(genuine()))

@@ -89,7 +89,11 @@ def test_laws_with_one_curve_share_a_line_and_a_law_twice_has_two_looks(tmp_path
     angle = np.arctan2(np.pi, -np.log(value["linear"]))
     assert np.exp(-2 * angle / np.tan(angle)) == pytest.approx(value["constant"], rel=1e-5)
     as_recorded("one curve twice", made.everything)
-    assert len(legend(made.figures["compare.png"])) == 4  # data, the shared line, two of Thornton's
+    names = legend(made.figures["compare.png"])
+    assert sum("\n= " in name for name in names) == 1
+    assert len(names) == 4  # data, the shared line, two of Thornton's
+    drawn = [x for x in made.figures["compare.png"].axes[0].get_lines() if x.get_label()[0] != "_"]
+    assert len({str(picture._unscaled_dash_pattern) for picture in drawn}) == 3
     settings = json.loads(made.text("compare.json"))["settings"]
     assert settings["options"] == {"end": "zero-force"}
 
@@ -109,3 +113,5 @@ def test_exact_data_have_no_scores_and_a_fit_that_did_not_converge_is_named(tmp_
     made = shown(tmp_path, "compare", write(tmp_path), "--laws", laws, "--max-steps", "1")
     assert made.code == 1
     as_recorded("compared, not converged", {**made.everything, "errors": made.err})
+    assert "compare: did not converge: Walton–Braun (alloy); the results" in made.err
+    assert "Walton–Braun (NOT CONVERGED)" in made.out

@@ -330,8 +330,10 @@ def test_first_yield_velocity_errors_and_a_linear_axis(tmp_path):
     path = write(tmp_path)
     (tmp_path / "alloy.csv").write_text(head + rows + "\n", encoding="utf-8")
     made = shown(tmp_path, "fit", path, "--law", "thornton", "--no-profiles")
+    assert made.code == 0
     as_recorded("first yield", made.everything)
     ax = made.figures["curves.png"].axes[0]
+    assert ax.get_xscale() == "linear"
     law = cal.FitResult.load(made.folder / "fit.json").law
     assert line(ax, "first yield")[0][0] == pytest.approx(float(law.elastic_velocity()), rel=1e-9)
     assert line(ax, "first yield")[0][0] == pytest.approx(first, rel=0.02)
@@ -361,6 +363,12 @@ def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
     assert made.err.splitlines()[-1].startswith("softjax fit: did not converge")
     followed = shown(tmp_path, "curve", "--fit", made.folder / "fit.json", "--points", "3")
     as_recorded("not converged", {**made.everything, "curve of it": followed.out})
+    assert made.figures["curves.png"].axes[0].get_title() == "alloy (NOT CONVERGED)"
+    report = made.text("report.md")
+    for text in (report, made.out):
+        assert "NOT CONVERGED: do not use these values." in text
+    assert markdown_tables(report)[2][1][-1] == "NO"
+    assert "fit.json (NOT CONVERGED) 3 velocities," in " ".join(followed.out.split())
 
 
 def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):

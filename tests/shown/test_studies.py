@@ -96,6 +96,9 @@ def test_an_effect_too_small_to_see_is_named_in_the_legend(tmp_path):
     where = ("--from", "1", "--to", "9", "--points", "5", "--at", "2")
     made = shown(tmp_path, "sensitivity", tmp_path / "rubber.toml", *law, *where)
     as_recorded("too small", made.everything)
+    numbers = made.figures["tornado.png"].axes[0].texts  # of the lowest bars, too short to see
+    places = [number.get_position() for number in numbers]
+    assert places == [(0, row) for row in range(len(places))] != []
     names = legend(made.figures["sensitivity.png"].axes[0])
     (below,) = [name for name in names if name.startswith("below")]
     assert "wall" in below
@@ -202,6 +205,8 @@ def test_the_picture_of_a_fits_curve(tmp_path, alloy):
     made = shown(tmp_path, "curve", "--fit", alloy.folder / "fit.json", *few)
     as_recorded("curve of a fit", made.everything)
     (ax,) = made.figures["curve.png"].axes
+    assert ax.get_xlabel() == "impact velocity $v$ [m/s]"
+    assert (ax.get_ylabel(), ax.get_xscale()) == (r"restitution $\varepsilon$", "log")
     (name,) = (x for x in labels(ax) if x.startswith("alloy"))
     v, e = line(ax, name)
     np.testing.assert_allclose(v, np.geomspace(0.1, 50, 40))
@@ -226,6 +231,7 @@ def test_a_curve_has_gaps_where_nothing_rebounds(tmp_path):
     np.testing.assert_allclose(e[rebounds], np.asarray(hit.coefficient)[rebounds])
     assert line(ax, "first yield")[0][0] == pytest.approx(float(law.contact.critical_velocity))
     as_recorded("gaps", made.everything)
+    assert {x.get_marker() for x in ax.get_lines() if x.get_label() == "nylon"} == {"o"}
 
 
 def test_what_a_fit_does_not_determine_is_grey(tmp_path, above_yield):
@@ -237,6 +243,7 @@ def test_what_a_fit_does_not_determine_is_grey(tmp_path, above_yield):
     first = grid[grid >= float(fitted("nylon").contact.critical_velocity)][0]
     assert (grey.get_x(), grey.get_x() + grey.get_width()) == pytest.approx((0.1, first))
     as_recorded("grey", made.everything)
+    assert grey.get_label() == "not determined"
     np.testing.assert_array_equal(np.isfinite(line(ax, r"my\nnylon")[1]), grid >= first)
 
 

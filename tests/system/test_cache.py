@@ -126,6 +126,7 @@ def test_doctor_has_versions_and_checks_itself_by_narrow_limits(at, monkeypatch)
         found, allowed = (part.split()[-1] for part in entries[name].split(","))
         assert allowed == most
         assert 0 < float(found) <= float(most)
+    assert run("doctor", "--quiet") == (0, "", "")
     monkeypatch.setattr(jax, "jacfwd", lambda _: lambda theta: 0 * theta[:1, None])
     assert run("doctor", "--quiet") == (1, "", "softjax doctor: the self-check failed\n")
     assert "self-check FAILED" in run("doctor")[1]
