@@ -63,11 +63,13 @@ def test_a_fit_is_exported_material_by_material(at):
 
 
 def test_given_parameters_another_law_and_names_of_a_header(at):
-    Path("alloy.toml").write_text(BODIES, encoding="utf-8")
+    other = 'radius_2 = 0.004\n[material.second]\nmaterial = "nylon"\n'
+    Path("alloy.toml").write_text(BODIES.replace("radius", "radius_1") + other, encoding="utf-8")
     options = "--to lammps --range 2:9 --export-law viscoelastic --tolerance 0.05 --quiet"
     export("alloy.toml", *NYLON, *options.split())
     made = report()
     assert (made["material"], made["law"]) == ("alloy", "viscoelastic")
+    assert made["radius"] == {"value": 0.004, "of": "sphere's"}  # of the smaller one
     assert [made["requested"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
     options = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--prefix", "steel")
     export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2")

@@ -125,11 +125,11 @@ def same_print(old: Any, new: Any) -> bool:
 
 
 def _nearly(old: str, new: str) -> bool:
-    """Whether both are numbers that differ by one unit of the last digit at most."""
+    """Whether both are numbers that differ by one unit at most of the last digit of the longer one."""
     if not (NUMBER.fullmatch(old) and NUMBER.fullmatch(new)):
         return False
     first, second = Decimal(old), Decimal(new)
-    unit = Decimal(1).scaleb(max(first.as_tuple().exponent, second.as_tuple().exponent))
+    unit = Decimal(1).scaleb(min(first.as_tuple().exponent, second.as_tuple().exponent))
     return abs(first - second) <= unit
 
 

@@ -36,6 +36,7 @@ def test_a_number_that_moves_is_named_and_recorded_anew():
         ("error", "chi error", 0.10009, 0.10011),  # 1e-3 of it
         ("estimate", "row, estimates", "3.11", "3.12"),
         ("error", "row, errors", "0.25 11", "0.25 12 1"),
+        ("error", "row, errors", "0.251 12", "0.253 12"),  # other digits
     ):
         for value, moves in ((within, False), (beyond, True)):
             new = copy.deepcopy(table)
