@@ -16,8 +16,8 @@ import softjax as sj
 from calibration.data.air import Fall
 from calibration.data.checks import require
 from calibration.data.columns import read_header
-from calibration.data.sheet import Sheet
-from calibration.data.text_file import MIB, read_bytes
+from calibration.data.sheet import LARGEST, Sheet
+from calibration.data.text_file import read_bytes
 from calibration.data.units import in_si, unit_of
 from calibration.errors import DataError, InputError, printable
 from calibration.fitting.curves import yield_velocity
@@ -25,7 +25,6 @@ from calibration.fitting.warnings import is_outside
 
 MOST = 10**6  # rows of one curve
 BLOCK = 1 << 16  # rows of a band that are computed at once: one may be made of thousands of draws
-LARGEST = 64 * MIB  # of a file of velocities
 FROM_PYTHON = (
     f"at most {MOST} rows; more from Python by `softjax.restitution(law, velocity).coefficient`"
 )

@@ -449,6 +449,9 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     falls = replace(result.unloading_line, c1=replace(result.unloading_line.c1, value=low))
     (ax,) = plots.unloading_line_figure(falls).axes
     assert any(label.startswith("95 %, of a further material") for label in labels(ax))
+    exact = replace(falls, covariance=None, materials=falls.materials[-2:])
+    (ax,) = plots.unloading_line_figure(exact).axes
+    assert {*labels(ax)} == {"fitted, 95 % intervals", "Eq. (18)", "extrapolated"}
     printed, error = capsys.readouterr()
     assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in printed
     (remark,) = re.findall(

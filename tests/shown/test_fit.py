@@ -168,6 +168,7 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
     )
     expected = ["data", "Zhou, fitted", "Eq. (17)", printed, paper, hertz]
     assert [x for x in legend(figure) if x != "no solution beyond"] == [*expected, by_line]
+    assert legend(fit.plot()) == [*expected[:3], by_line]
     slope = fit.unloading_line
     places = panels(figure)
     for (ax, below), name in zip(places, NAMES, strict=True):
@@ -388,7 +389,7 @@ def test_priors_bounds_groups_and_scatter_are_stated(tmp_path):
 
 
 STEEL = sj.STAINLESS_STEEL
-SMALL, LARGE = 0.004, 0.012  # radii [m]
+SMALL, LARGE = 0.004, 0.012345  # radii [m]
 
 
 def test_residuals_have_the_colour_of_their_size_and_a_unit_stands_at_value_and_interval(tmp_path):
@@ -403,7 +404,7 @@ def test_residuals_have_the_colour_of_their_size_and_a_unit_stands_at_value_and_
     as_recorded("two sizes", made.everything)
     upper, lower = made.figures["curves.png"].axes
     curves = [line for line in upper.get_lines() if str(line.get_label()).startswith("R = ")]
-    assert [curve.get_label() for curve in curves] == ["R = 2 mm", "R = 6 mm"]  # effective: half
+    assert [curve.get_label() for curve in curves] == ["R = 2 mm", "R = 6.17 mm"]  # effective: half
     data = two_sizes.material().data
     for bars_of, curve_of, rows in zip(
         lower.containers, curves, (slice(0, 6), slice(6, 12)), strict=True

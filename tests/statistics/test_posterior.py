@@ -344,7 +344,9 @@ def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):
 
 def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overlap(decay):
     names = [f"p{k}" for k in range(16)]
-    last = posterior_figure(drawn(**dict.fromkeys(names[:8], (3e8, 1e6)))).axes[-1]
+    (alone,) = posterior_figure(drawn(p0=(3e8, 1e6))).axes
+    assert alone.get_xlabel() == "p0"
+    last = posterior_figure(drawn(**dict.fromkeys(names, (3e8, 1e6)))).axes[-1]
     assert last.xaxis.get_major_formatter()(3.05e8, None) == "3.05e+08"
     assert last.get_xlabel() == "p7"  # no letter of a formula
     labels = dict(zip(names, names, strict=True))
