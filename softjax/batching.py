@@ -153,7 +153,7 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
 def _size(count: int) -> int:
     """The size of the program for so many impacts: at most a quarter more, or twice a few."""
     octave = 2 ** (count - 1).bit_length()
-    step = max(octave // 8, 1) if octave > FINE else octave
+    step = octave // 8 if octave > FINE else octave
     return -(-count // step) * step
 
 

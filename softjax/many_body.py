@@ -54,7 +54,9 @@ def contact_force(
     # the impact that reaches this largest overlap: its velocity, and (ε/ε_p)²
     middle = safe_sqrt(jnp.minimum(kink, peak))
     work = loading_work(law, 0.0, middle) + loading_work(law, middle, jnp.sqrt(peak))
-    speed = jnp.sqrt(2 * work / law.contact.mass)
+    reached = work > 0  # no impact gets beyond the last turning point of an expansion
+    speed = jnp.sqrt(2 * jnp.where(reached, work, 1.0) / law.contact.mass)
+    speed = jnp.where(reached, speed, jnp.inf)  # which is invalid, and does not rebound
     hit = restitution(law, speed)
     rebounds = hit.plastic_coefficient > 0
     plastic = jnp.where(rebounds, hit.plastic_coefficient, 1.0)

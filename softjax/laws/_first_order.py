@@ -73,7 +73,7 @@ class FirstOrder(PlasticCore):
         guess = guessed_power(short, 0.4)
         per_guess = 1 / guess
         off = jnp.square(short * per_guess**2) * per_guess - 1  # y²/guess⁵ - 1
-        nearer = 1 + off * (0.2 - 0.08 * off)
+        nearer = 1 + 0.2 * off
         start = lax.stop_gradient(self._peak_start(guess * nearer) * nearer)
         scale = guess.astype(y.dtype)
         per_scale = 1 / scale
@@ -198,8 +198,6 @@ def _finish_release(r, change):
 
 
 _release_ratio = implicit_root(
-    third_order_root(
-        _expand_release, _release_start, MOST_STEPS, 2, _finish_release, within=(0.0, 1.0)
-    ),
+    third_order_root(_expand_release, _release_start, MOST_STEPS, 2, _finish_release),
     _release_residual,
 )

@@ -16,7 +16,7 @@ from jaxtyping import Array
 from softjax.fields import Flags, Numbers
 from softjax.laws._first_order import PlasticCore
 from softjax.numerics.gauss import integrate
-from softjax.numerics.powers import power_3_2, safe_power, safe_sqrt
+from softjax.numerics.powers import power_3_2, safe_sqrt
 from softjax.numerics.roots import implicit_root, parabolic_step, refine
 
 # More steps than any case takes of E/Y from 2 to 1e6 and y from 1 to y_max, and nodes that bring
@@ -139,10 +139,7 @@ def _solve_release(a, b, c, X):
         change = parabolic_step(_release_residual(f, a, b, c, X), slope, curvature)
         return jnp.clip(f - change, 0.0, 1.0)
 
-    # either term alone bounds the root from above (for a > 0; else the line does)
-    line = 1 - 1 / X
-    curve = (safe_power(c * (X - 1), 2 / 3) - b) / jnp.where(a > 0, a, 1.0)
-    start = jnp.clip(jnp.where(a > 0, jnp.minimum(line, curve), line), 0.0, 1.0)
+    start = jnp.clip(1 - 1 / X, 0.0, 1.0)  # of the line alone: from above
     f = refine(step, start, start == start, MOST_STEPS)
     g = 1 - f  # to full relative precision: one step of the same equation written in g
     residual = power_3_2(a + b - a * g) + c * (1 - X * g)

@@ -74,7 +74,6 @@ def third_order_root(
     most: int,
     short_steps: int,
     finish: Callable = lambda x, change: x - change,
-    within: tuple[float, float] = (0.0, float("inf")),
 ) -> Callable:
     """A function `solve(*params)` that finds a root by steps of third order, not differentiated.
 
@@ -100,7 +99,7 @@ def third_order_root(
         done = jnp.abs(change) <= _small(near) * jnp.abs(near)
 
         def mended(near, change, done, rough, params):
-            step = lambda x: jnp.clip(x - parabolic_step(*expand(x, *params)), *within)  # noqa: E731
+            step = lambda x: jnp.maximum(x - parabolic_step(*expand(x, *params)), 0.0)  # noqa: E731
             begin = jnp.where(done, near, rough).astype(dtype)
             # to the end: near a double root a step may be small and the root as near on either side
             x = refine(step, begin, ~done, most, settled=8 * float(jnp.finfo(dtype).eps))

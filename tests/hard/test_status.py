@@ -46,14 +46,17 @@ def test_a_printed_result_tells_the_numbers_of_a_few_impacts():
     assert "coefficient=f64[2]" in traced[0]
 
 
-@pytest.mark.parametrize(("name", "steps"), [("thornton", 8), ("viscoelastic", 256)])
-def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name, steps):
+@pytest.mark.parametrize(
+    ("name", "solver", "steps"), [("thornton", "dopri5", 8), ("viscoelastic", "bosh3", 256)]
+)
+def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name, solver, steps):
     """Numbers, slopes and histories are 0; an elastic neighbour does not suffer.
 
-    The viscoelastic contact is loaded to its peak in 256 steps, and not released.
+    The viscoelastic contact is loaded to its peak in 256 steps, and not released; Thornton's fastest
+    one could be released in 8, but is not loaded.
     """
     law, velocity = LAWS[name].law, LAWS[name].velocity
-    route = sj.ODE(rtol=1e-8, solver="bosh3", max_steps=steps)
+    route = sj.ODE(rtol=1e-8, solver=solver, max_steps=steps)
     failed = slice(1 if name == "thornton" else 0, 3)  # Thornton's first impact stays elastic
     of = lambda v: (sj.restitution(law, v, route),) * 2  # noqa: E731
     if name == "thornton":

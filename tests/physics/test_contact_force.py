@@ -68,6 +68,16 @@ def test_apart_there_is_no_force_and_no_memory():
     assert slope[0] == 0
 
 
+def test_beyond_what_any_impact_reaches_nothing_rebounds():
+    """Past the last turning point of Zhou's expansion, where no work is left: no force, and no slope."""
+    memory = jnp.array([1.0, 4.0]) * PAIR.radius
+    of = lambda memory: sj.contact_force(fitted("nylon"), 0.97 * memory, -1.0, memory)[0]  # noqa: E731
+    force, slope = jax.jit(lambda memory: jax.jvp(of, (memory,), (jnp.ones(2),)))(memory)
+    assert force[0] > 0 == force[1]
+    assert np.isfinite(slope[0])
+    assert slope[1] == 0
+
+
 def test_below_a_velocity_its_restitution_is_held():
     """Faster impacts are as they were, but where they load again a dashpot pushes."""
     law, velocity = LAWS["thornton"], np.array([1e-3, 0.05, 1.0, 5.0])
