@@ -92,7 +92,7 @@ def test_the_error_of_the_dissipated_energy(exported):
 
     assert export.energy_error == pytest.approx(lost(export.law) / lost(STEEL) - 1, abs=0.01)
     assert export.energy_error < -0.2
-    assert f"dissipated energy  {100 * export.energy_error:+.1f} %" in str(export)
+    assert f"\n  dissipated energy  {100 * export.energy_error:+.1f} %\n  contact   " in str(export)
 
 
 @pytest.mark.parametrize(
