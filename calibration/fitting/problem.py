@@ -447,8 +447,9 @@ class Problem:
             for score, change, of_curve in zip(scores, changes, per[1:], strict=True):
                 size = np.abs(change) * 2**0.5 / variance
                 size = np.maximum(size, 1e-6 * np.abs(score)) + 1e-300
-                more.append(np.where(n > 0, score, 0.0) / (size * np.where(n > 0, root, 1.0)))
-                their.append(of_curve[:, span] * (size * root)[..., None])
+                weight = size * root
+                more.append(np.where(n > 0, score, 0.0) / np.where(n > 0, weight, 1.0))
+                their.append(of_curve[:, span] * weight[..., None])
         for value, column in self._priors(z, theta, per_z, lanes.centre):
             rows.append(value)
             columns.append(column[:, :, : len(active)])

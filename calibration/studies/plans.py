@@ -81,8 +81,8 @@ class Plan:
 
     @property
     def unit(self) -> Float[np.ndarray, " p"]:
-        """|θ|, and 1 where θ = 0: slopes in θ times these are in ln θ."""
-        return np.abs(self.truth) + (self.truth == 0)
+        """Slopes in θ times these are in ln θ."""
+        return _unit(self.truth)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -398,8 +398,8 @@ class Information(Planned):
     @property
     def standard_errors(self) -> Errors:
         """Expected standard error of θ; None where the impacts do not determine it."""
-        pairs = zip(self.relative_errors.items(), self.truth.tolist(), strict=True)
-        return {n: None if e is None else abs(value or 1.0) * e for (n, e), value in pairs}
+        pairs = zip(self.relative_errors.items(), _unit(self.truth).tolist(), strict=True)
+        return {n: None if e is None else unit * e for (n, e), unit in pairs}
 
     @property
     def directions(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
@@ -446,6 +446,11 @@ class Information(Planned):
         head = f"{len(self.velocity)} planned impacts{where}"
         sensed = self._sensed(self.relative_errors)
         return "\n".join([head, *sensed, *self.words, *self.taken_as_known])
+
+
+def _unit(theta: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+    """|θ|, and 1 where θ = 0."""
+    return np.where(theta == 0, 1.0, np.abs(theta))
 
 
 def _sentence(symbols: Sequence[str], direction: np.ndarray, error: float, factor: Any) -> str:

@@ -281,6 +281,18 @@ def test_contact_times_of_few_specimens_say_less_of_the_modulus(options, factor)
         assert causes[0].endswith(f"which they determine to {error:.2g} %")
 
 
+def test_two_contact_times_whose_scatter_is_unknown_determine_the_modulus():
+    v, times = np.geomspace(0.2, 4, 12), np.full(12, np.nan)
+    hit, off = sj.restitution(sj.ViscoelasticHertz(PAIR, 1e-7), v), np.array([0.001, -0.003])
+    times[:2] = np.asarray(hit.duration)[:2] * np.exp(off)
+    stated = sj.Contact(**{**PAIR.leaves(), "youngs_modulus": 1.5 * PAIR.youngs_modulus})
+    data = cal.RestitutionData(v, hit.coefficient, stated, contact_time=times)
+    result = cal.fit(data, "viscoelastic", **QUICK)
+    (cause,) = (one.cause for one in result.warnings if one.code == "modulus")
+    error = 250 * np.std(off, ddof=1) / 2**0.5
+    assert cause.endswith(f"which they determine to {error:.2g} %")
+
+
 def test_information_and_designs_count_what_sensors_show():
     """Contact times of 2 % tell a spring's stiffness to 4 %/√n; ε alone does not tell it."""
     law, sensors = sj.LinearSpringDashpot(PAIR, 3e6, 0.8), {"contact_time": 0.02}

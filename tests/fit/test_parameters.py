@@ -11,7 +11,7 @@ import calibration as cal
 import softjax as sj
 from tests import fit_oracle
 from tests.decay import Decay, decay
-from tests.fit_data import TRUTH, twin
+from tests.fit_data import TRUTH, pair, twin
 
 QUICK = {"profiles": False, "starts": 4}
 Free = cal.Parameter
@@ -134,16 +134,48 @@ def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
         assert by_parameter.values[name] == pytest.approx(alone.values[name], rel=1e-6), name
 
 
-def test_a_yield_strength_that_is_free_is_found():
-    data = twin("nylon", y=np.linspace(0.2, 30, 24))
+@pytest.mark.parametrize("lowest", [0.2, 1.3])
+def test_a_yield_strength_that_is_free_is_found(lowest):
+    """With one point below yield or none, where the search begins with several."""
+    data = twin("nylon", y=np.linspace(lowest, 30, 12))
     strength = float(data.contact.yield_strength)
-    wrong = replace(data, contact=replace(data.contact, yield_strength=1.25 * strength))
+    wrong = replace(data, contact=replace(data.contact, yield_strength=1.7 * strength))
     specs = {"yield_strength": Free(), "sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}
-    for one in (wrong, data):
-        result = cal.fit(one, None, specs, **QUICK)
-        assert result.values["contact.yield_strength"] == pytest.approx(strength, rel=1e-4)
-        assert result.values["chi"] == pytest.approx(TRUTH["nylon"][1], rel=1e-3)
-        assert float(result.law.contact.yield_strength) == pytest.approx(strength, rel=1e-4)
+    result = cal.fit(wrong, None, specs, **QUICK)
+    assert result.values["contact.yield_strength"] == pytest.approx(strength, rel=1e-4)
+    assert result.values["chi"] == pytest.approx(TRUTH["nylon"][1], rel=1e-3)
+    assert float(result.law.contact.yield_strength) == pytest.approx(strength, rel=1e-4)
+
+
+def test_strengths_of_two_sets_are_on_the_branches_that_their_noises_make_best():
+    """SciPy's largest ln L over χ̃, both strengths and noises, from every choice of elastic points."""
+    best = (1.214024437, {"nylon": 1.01555943, "stainless steel": 0.84375325})
+    sets = []
+    for name, noise, seed in (("nylon", 0.004, 9), ("stainless steel", 0.02, 19)):
+        contact, y = pair(name), np.geomspace(0.3, 10, 10)
+        v = y * float(contact.critical_velocity)
+        exact = fit_oracle.curve(v, fit_oracle.numbers(contact), 1.2, 0.43, 0.54)
+        eps = exact + noise * np.random.default_rng(seed).standard_normal(10)
+        sets.append(cal.RestitutionData(v, eps, contact, name=name))
+    specs = {"yield_strength": Free(), "chi": Free(shared=True), "sigma": 0.43, "psi": 0.54}
+    result = cal.fit(sets, None, specs, profiles=False, starts=1)
+
+    def log_likelihood(chi, factors):
+        total = 0.0
+        for data in sets:
+            numbers = fit_oracle.numbers(data.contact)
+            numbers["Y"] *= factors[data.name]
+            curve = fit_oracle.curve(data.velocity, numbers, chi, 0.43, 0.54)
+            off = curve - data.restitution
+            total += np.sum(stats.norm.logpdf(off, scale=np.sqrt(np.mean(off**2))))
+        return total
+
+    assert result.log_likelihood == pytest.approx(log_likelihood(*best), abs=1e-5)
+    assert result.values["chi"] == pytest.approx(best[0], rel=1e-4)
+    for data in sets:
+        strength = best[1][data.name] * float(data.contact.yield_strength)
+        of_set = result.values[f"contact.yield_strength[{data.name}]"]
+        assert of_set == pytest.approx(strength, rel=1e-4)
 
 
 def compared(one, other, names=("level", "rate"), less=0.0):

@@ -27,6 +27,16 @@ def curve(v):
     return 0.85 * np.exp(-0.04 * np.asarray(v))
 
 
+class Line(sj.HardSphereLaw):
+    """ε = a + b v."""
+
+    level: float
+    slope: float
+
+    def restitution_squared(self, velocity):
+        return (self.level + self.slope * velocity) ** 2
+
+
 def rows(v, level=0.85, rate=0.04):
     """Slopes of a e^{-bv} in ln a and ln b."""
     value = level * np.exp(-rate * np.asarray(v))
@@ -47,6 +57,11 @@ def test_each_impact_counts_with_its_own_uncertainty_and_a_prior_as_one_more():
     expected = (np.sum(slopes[:, 0] ** 2) + (0.85 / 0.01) ** 2) ** -0.5
     assert with_prior.relative_errors["level"] == pytest.approx(expected, rel=1e-9)
     assert with_prior.standard_errors["level"] == pytest.approx(0.85 * expected, rel=1e-9)
+    of_zero = cal.fisher_information(Line(0.85, 0.0), v, u)  # a slope of 0 has no logarithm
+    slopes = np.stack([np.ones(9), v], axis=1) / u[:, None]
+    expected = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
+    np.testing.assert_allclose(list(of_zero.standard_errors.values()), expected, rtol=1e-8)
+    assert of_zero.relative_errors["slope"] == pytest.approx(expected[1], rel=1e-8)
 
 
 def by_differences(names, v, u):

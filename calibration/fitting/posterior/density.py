@@ -124,9 +124,10 @@ class Path(NamedTuple):
         knots, count = jnp.asarray(self.knots), len(self.order)
         inside = jnp.clip(u[0], knots[0], knots[-1])
         k = jnp.clip(jnp.searchsorted(knots, inside) - 1, 0, len(knots) - 2)
-        cubic, x = jnp.asarray(self.coefficients)[:, k], inside - knots[k]
-        slope = (3 * cubic[0] * x + 2 * cubic[1]) * x + cubic[2]
-        value = ((cubic[0] * x + cubic[1]) * x + cubic[2]) * x + cubic[3] + slope * (u[0] - inside)
+        (a, b, c, d), x = jnp.asarray(self.coefficients)[:, k], inside - knots[k]
+        cubic = lambda x: ((a * x + b) * x + c) * x + d  # noqa: E731
+        value, slope = jax.jvp(cubic, (x,), (jnp.ones_like(x),))
+        value += slope * (u[0] - inside)
         apart, log_jacobian = self.others.q(u[1:])
         others = value[1:count] + jnp.exp(value[count:]) * apart
         q = jnp.zeros(count).at[self.order].set(jnp.concatenate([value[:1], others]))
