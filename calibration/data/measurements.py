@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -90,21 +90,22 @@ class RestitutionData:
     velocity_uncertainty: Column | None = None
     limit_velocity: Any = None
     remarks: tuple[str, ...] = ()
-    group: Any = field(default=None, kw_only=True)
-    errors: PointErrors = field(default=None, kw_only=True)  # type: ignore[assignment]  # filled in
-    degrees: Any = field(default=None, kw_only=True)
-    bodies: tuple[Any, ...] = field(default=(), kw_only=True)
-    contact_time: Column | None = field(default=None, kw_only=True)
-    contact_time_uncertainty: Column | None = field(default=None, kw_only=True)
-    peak_force: Column | None = field(default=None, kw_only=True)
-    peak_force_uncertainty: Column | None = field(default=None, kw_only=True)
-    peak_overlap: Column | None = field(default=None, kw_only=True)
-    peak_overlap_uncertainty: Column | None = field(default=None, kw_only=True)
-    dent_diameter: Column | None = field(default=None, kw_only=True)
-    dent_diameter_uncertainty: Column | None = field(default=None, kw_only=True)
-    dent: str = field(default="largest", kw_only=True)
-    fall: Fall | None = field(default=None, kw_only=True)
-    origin: Origin | None = field(default=None, kw_only=True)
+    _: KW_ONLY
+    group: Any = None
+    errors: PointErrors = None  # type: ignore[assignment]  # filled in
+    degrees: Any = None
+    bodies: tuple[Any, ...] = ()
+    contact_time: Column | None = None
+    contact_time_uncertainty: Column | None = None
+    peak_force: Column | None = None
+    peak_force_uncertainty: Column | None = None
+    peak_overlap: Column | None = None
+    peak_overlap_uncertainty: Column | None = None
+    dent_diameter: Column | None = None
+    dent_diameter_uncertainty: Column | None = None
+    dent: str = "largest"
+    fall: Fall | None = None
+    origin: Origin | None = None
 
     def __post_init__(self):
         try:

@@ -96,7 +96,7 @@ def _near(own: Sequence[Own], ratio, c: np.ndarray) -> tuple[np.ndarray, dict[in
     # what has gone to an end of its range alone may go farther; another minimum may be lower on the line
     ends = [fit.final.ends._replace(begun=fit.final.ends.z) for fit in fits]
     others = [[*fit.final.others, _at_start(fit)] for fit in fits]
-    best, at, step = np.inf, c, np.zeros(2)
+    best, at, step = np.inf, c, np.zeros_like(c)
     for _ in range(ROUNDS):
         cost, normal, gradient, found = 0.0, np.zeros((2, 2)), np.zeros(2), list(ends)
         for group in groups:

@@ -64,7 +64,7 @@ def test_the_files_that_the_cases_spoil_are_good(tmp_path):
 
 
 def test_arguments_of_public_names_have_the_defaults_that_are_recorded():
-    """A default decides about results as any argument does."""
+    """A default decides about results as any argument does; *, where only a keyword may be stated."""
     called = {}
     for package, name in [(p, n) for p in (sj, cal) for n in p.__all__]:
         of = called[name] = getattr(package, name)
@@ -77,7 +77,8 @@ def test_arguments_of_public_names_have_the_defaults_that_are_recorded():
         is_class = inspect.isclass(of) and dataclasses.is_dataclass(of)
         if is_class or inspect.isfunction(of) or inspect.ismethod(of):
             arguments = inspect.signature(of).parameters.values()
-            stated = {p.name: p.default for p in arguments if p.default is not p.empty}
+            marks = {p.name: "*" * (p.kind is p.KEYWORD_ONLY) + p.name for p in arguments}
+            stated = {marks[p.name]: p.default for p in arguments if p.default is not p.empty}
             texts = [f"{k}={'a function' if callable(x) else x!r}" for k, x in stated.items()]
             lines += [f"{name}: {', '.join(texts)}"] if texts else []
     as_recorded("defaults", {"public names": "\n\n".join(sorted(lines))}, exactly=True)

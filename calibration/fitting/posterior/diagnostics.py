@@ -38,7 +38,7 @@ class Summary(NamedTuple):
 def summaries(data: Any, confidence: float = 0.95) -> dict[str, Summary]:
     """Summaries of every variable of the posterior."""
     posterior, arviz = dataset_of(data, "posterior"), needed("arviz")
-    r_hat, bulk = arviz.rhat(posterior), arviz.ess(posterior, method="bulk")
+    r_hat, bulk = arviz.rhat(posterior), arviz.ess(posterior)  # of the bulk
     tail = arviz.ess(posterior, method="tail", prob=TAILS)
     by_name = {}
     for name, values in posterior.data_vars.items():
