@@ -95,9 +95,12 @@ def looks(figure: Figure) -> list[str]:
         for axis in (ax.xaxis, ax.yaxis):
             ticks, ends = axis.get_ticklocs(), sorted(axis.get_view_interval())
             words = f"{axis.get_label_text()} {axis.get_scale()} {rounded(ends)} at"
-            parts.append(f"{words} {rounded(ticks[(ticks >= ends[0]) & (ticks <= ends[1])])}")
-            if isinstance(axis.get_major_locator(), FixedLocator):
-                parts.append(str(sorted(name.get_text() for name in axis.get_ticklabels())))
+            ticks = ticks[(ticks >= ends[0]) & (ticks <= ends[1])]
+            small = axis.get_minor_formatter().format_ticks(axis.get_minorticklocs())
+            texts = [*axis.get_major_formatter().format_ticks(ticks), *small]
+            if isinstance(axis.get_major_locator(), FixedLocator):  # names, some of equal bars
+                texts.sort()
+            parts.append(f"{words} {rounded(ticks)} as {' '.join(' '.join(texts).split())}")
         parts.append(rounded([x.get_rotation() for x in ax.get_xticklabels()[:1]]))
         for x in ax.get_lines():
             dashes = rounded(x._unscaled_dash_pattern[0], x._unscaled_dash_pattern[1] or ())

@@ -346,6 +346,9 @@ def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overl
     names = [f"p{k}" for k in range(16)]
     (alone,) = posterior_figure(drawn(p0=(3e8, 1e6))).axes
     assert alone.get_xlabel() == "p0"
+    for count, turned in ((4, 0), (5, 90)):
+        last = posterior_figure(drawn(**dict.fromkeys(names[:count], (3e8, 1e6)))).axes[-1]
+        assert last.get_xticklabels()[0].get_rotation() == turned
     last = posterior_figure(drawn(**dict.fromkeys(names, (3e8, 1e6)))).axes[-1]
     assert last.xaxis.get_major_formatter()(3.05e8, None) == "3.05e+08"
     assert last.get_xlabel() == "p7"  # no letter of a formula
