@@ -21,12 +21,12 @@ import softjax as sj
 from calibration.particle_codes.target import Impacts
 from softjax.many_body import LEAST, damped_force, unloading_force
 
-PHASES = 8  # beginnings of each impact, as parts of a step between the last free one and touch
+PHASES = 16  # beginnings of each impact, as parts of a step between the last free one and touch
 GOLDEN = (5**0.5 - 1) / 2  # spreads them: impacts on a linear spring differ in nothing else
 TRIED = (32, 64, 128, 256)  # steps in the shortest contact, for the order
 MOST = 20_000
 LONGEST = 3  # times the longest contact that is stepped at most
-BETWEEN = 1.1  # other velocities and beginnings may be worse by this factor; seen: 1.03
+BETWEEN = 1.2  # other velocities and beginnings may be worse by this factor; seen: 1.12
 MORE = 1.1  # errors go up and down with the beginning; the order is an average
 SLOWER = 100.0  # the factor below the range at which a constant ε is checked
 

@@ -56,12 +56,13 @@ def test_the_first_law_that_keeps_the_tolerance_is_taken_and_keeps_it_in_c(toler
     assert export.choice.error + export.choice.steps.error == export.choice.total
     assert all(trial.total > tolerance for trial in export.tried[:-1])
     code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
-    velocity = np.geomspace(*RANGE, 40)
+    at = np.geomspace(*RANGE, 66)
+    velocity = np.sqrt(at[1:] * at[:-1])  # between those that the stated error is of
     found = [code.rebounds(velocity, export.time_step, p) for p in np.arange(11) / 11]
     off = np.max(np.abs(np.array(found) - curve(STEEL, velocity)))
-    assert off <= 1.02 * export.choice.total <= 1.02 * tolerance
+    assert off <= export.choice.total <= tolerance
     off = np.max(np.abs(np.array(found) - curve(export.law, velocity)))
-    assert 0.6 * export.choice.steps.error < off <= 1.02 * export.choice.steps.error
+    assert 0.6 * export.choice.steps.error < off <= export.choice.steps.error
     order = export.choice.steps.order
     if export.choice.key != "walton-braun":  # whose error is hardly there, and goes up and down
         assert (1.8 < order < 2.2) == (export.choice.key == "exact")
