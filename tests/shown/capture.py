@@ -113,7 +113,8 @@ def looks(figure: Figure) -> list[str]:
             parts.append(f"{x.get_text()} {to_hex(x.get_color())} at {place}")
         parts += [rounded(ends_and_mean(x.get_array().ravel()), x.get_clim()) for x in ax.images]
         for x in ax.patches:
-            parts.append(f"{to_hex(x.get_facecolor())} {rounded(np.round(x.get_extents().bounds, 6))}")
+            bounds = np.round(x.get_extents().bounds, 6)  # pixels
+            parts.append(f"{to_hex(x.get_facecolor())} {rounded(bounds)}")
         for x in ax.collections:
             outline = np.concatenate([path.vertices for path in x.get_paths()] or [[[np.nan] * 2]])
             colours = sorted({to_hex(c) for c in (*x.get_facecolor(), *x.get_edgecolor())})
