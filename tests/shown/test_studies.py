@@ -269,7 +269,7 @@ def test_speed_is_microseconds_a_collision(monkeypatch, tmp_path):
             assert off < 1e-13
             cells += ["0.0", f"{slopes:.3g}", f"{off:.0e}"]
         assert re.search(r"\s+".join(map(re.escape, cells)), made.out)
-        assert error < 1e-13 if row["family"] == "energy balance" else 1e-7 < error < 1e-5  # the largest one
+        assert error < 1e-13 if row["family"] == "energy balance" else 1e-7 < error < 1e-5
         families.setdefault(row["family"], []).append((max(error, 1e-17), each))
         large += [each] * (batch > 4096)
     (ax,) = made.figures["speed.png"].axes
