@@ -325,6 +325,20 @@ def test_specimens_that_are_alike_have_no_spread():
         assert value == pytest.approx(together.values["restitution"], abs=1e-6)
 
 
+def test_a_set_that_says_nothing_of_a_pooled_parameter_leaves_the_pool_as_it_is():
+    """Impacts of nearly no speed tell no rate: their set's own is the mean of the others."""
+    sets = [
+        cal.RestitutionData(AT, 0.9 * np.exp(-rate * AT), name=n, uncertainty=0.01)
+        for n, rate in zip("abc", (0.08, 0.1, 0.13), strict=True)
+    ]
+    rest = cal.RestitutionData(np.full(3, 1e-200), np.full(3, 0.9), name="rest", uncertainty=0.01)
+    rates = {"rate": cal.Parameter(shared="pooled")}
+    few, more = (cal.fit(x, Decay, rates, profiles=False) for x in (sets, [*sets, rest]))
+    for name in ("rate", "rate_spread", "rate[a]", "rate[b]", "rate[c]"):
+        assert more.values[name] == pytest.approx(few.values[name], rel=1e-6), name
+    assert more.values["rate[rest]"] == pytest.approx(more.values["rate"], rel=1e-6)
+
+
 def test_likelihood_functions_know_the_pool():
     """Members' density about the mean, on the scale that is searched: a log-normal one."""
     sets = [
