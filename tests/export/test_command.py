@@ -64,13 +64,21 @@ def test_a_fit_is_exported_material_by_material(at):
 
 def test_given_parameters_another_law_and_names_of_a_header(at):
     other = 'radius_2 = 0.004\n[material.second]\nmaterial = "nylon"\n'
-    Path("alloy.toml").write_text(BODIES.replace("radius", "radius_1") + other, encoding="utf-8")
+    bodies = BODIES.replace("radius", "radius_1") + other
+    Path("alloy.toml").write_text(bodies, encoding="utf-8")
     options = "--to lammps --range 2:9 --export-law viscoelastic --tolerance 0.05 --quiet"
     export("alloy.toml", *NYLON, *options.split())
     made = report()
     assert (made["material"], made["law"]) == ("alloy", "viscoelastic")
     assert made["radius"] == {"value": 0.004, "of": "sphere's"}  # of the smaller one
     assert [made["requested"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
+    Path("alloy.csv").write_text("v [m/s],eps\n1,0.9\n2,0.89\n4,0.91\n", encoding="utf-8")
+    measured = bodies.replace("radius_1", 'data = "alloy.csv"\nradius_1')
+    Path("alloy.toml").write_text(measured, encoding="utf-8")
+    assert run("fit", "alloy.toml", "--law", "hertz-dashpot", "--no-profiles", "--quiet")[0] == 0
+    of_fit = "--fit results/fit.json --to c --tolerance 0.1 --quiet --out two"
+    export(*of_fit.split())
+    assert report("two")["radius"] == made["radius"]
     options = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--prefix", "steel")
     export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2")
     made = report(name="export_steel")
