@@ -75,7 +75,7 @@ def third_order_root(
     short_steps: int,
     finish: Callable = lambda x, change: x - change,
 ) -> Callable:
-    """A function `solve(*params)` that finds a root by steps of third order, not differentiated.
+    """A function `solve(*params)` that finds a root above 0 by steps of third order, not differentiated.
 
     `expand(x, *params)` gives f, f' and f'' and `start(*params)` a value that is right to some
     percent. The first `short_steps` are taken in float32, where they cost half; one more in full

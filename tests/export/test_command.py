@@ -62,23 +62,30 @@ def test_a_fit_is_exported_material_by_material(at):
         assert all(one.replace("ε", "eps") in shown.replace("ε", "eps") for one in expected)
 
 
-def test_given_parameters_another_law_and_names_of_a_header(at):
+def test_of_two_spheres_the_smaller_one_is_the_radius(at):
+    """Of parameters that are given, and of a fit."""
     other = 'radius_2 = 0.004\n[material.second]\nmaterial = "nylon"\n'
     bodies = BODIES.replace("radius", "radius_1") + other
+    measured = bodies.replace("radius_1", 'data = "alloy.csv"\nradius_1')
+    Path("alloy.csv").write_text("v [m/s],eps\n1,0.9\n2,0.89\n4,0.91\n", encoding="utf-8")
+    law = ("--law", "hertz-dashpot")
+    options = ("--to", "c", "--range", "1:4", "--tolerance", "0.1", "--quiet")
     Path("alloy.toml").write_text(bodies, encoding="utf-8")
+    export("alloy.toml", *law, "--set", "restitution=0.9", *options, "--out", "given")
+    Path("alloy.toml").write_text(measured, encoding="utf-8")
+    assert run("fit", "alloy.toml", *law, "--no-profiles", "--quiet")[0] == 0
+    export("--fit", "results/fit.json", *options, "--out", "fitted")
+    for folder in ("given", "fitted"):
+        assert report(folder)["radius"] == {"value": 0.004, "of": "sphere's"}
+
+
+def test_given_parameters_another_law_and_names_of_a_header(at):
+    Path("alloy.toml").write_text(BODIES, encoding="utf-8")
     options = "--to lammps --range 2:9 --export-law viscoelastic --tolerance 0.05 --quiet"
     export("alloy.toml", *NYLON, *options.split())
     made = report()
     assert (made["material"], made["law"]) == ("alloy", "viscoelastic")
-    assert made["radius"] == {"value": 0.004, "of": "sphere's"}  # of the smaller one
     assert [made["requested"][name] for name in ("chi", "sigma", "psi")] == [0.2, 0.4, 0.5]
-    Path("alloy.csv").write_text("v [m/s],eps\n1,0.9\n2,0.89\n4,0.91\n", encoding="utf-8")
-    measured = bodies.replace("radius_1", 'data = "alloy.csv"\nradius_1')
-    Path("alloy.toml").write_text(measured, encoding="utf-8")
-    assert run("fit", "alloy.toml", "--law", "hertz-dashpot", "--no-profiles", "--quiet")[0] == 0
-    of_fit = "--fit results/fit.json --to c --tolerance 0.1 --quiet --out two"
-    export(*of_fit.split())
-    assert report("two")["radius"] == made["radius"]
     options = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--prefix", "steel")
     export(*STEEL, *options, "--to", "c", "--tolerance", "1e-2")
     made = report(name="export_steel")
