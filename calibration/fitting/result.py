@@ -352,7 +352,7 @@ class FitResult:
         return estimates(self)
 
     def report(self, folder: str | Path) -> list[str]:
-        """Write what `softjax fit` writes into a folder: fit.json, pictures, report.md, report.html.
+        """Write what `softjax fit` writes into a folder: fit.json, pictures, report.html.
 
         Returns:
             The names of the files.

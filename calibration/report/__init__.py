@@ -1,1 +1,1 @@
-"""A fit in words and tables: on a terminal, as Markdown and as one web page."""
+"""A fit in words and tables: on a terminal and as one web page."""

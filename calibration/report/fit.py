@@ -12,7 +12,7 @@ from calibration import symbols
 from calibration.fitting.request import stated_parameters
 from calibration.output import files_into, write_text
 from calibration.parameters import Parameter
-from calibration.report.layout import Block, Item, markdown, page, terminal
+from calibration.report.layout import Block, Item, page, terminal
 from calibration.report.tables import (
     Printed,
     bodies_table,
@@ -64,7 +64,7 @@ PICTURES = {
     "correlation.png": "Correlations of the fitted parameters",
     "posterior.png": "Draws from the posterior, and the fit with its intervals",
 }
-FILES = ("fit.json", "report.md", "report.html", *PICTURES, "posterior.nc")
+FILES = ("fit.json", "report.html", *PICTURES, "posterior.nc")
 PAPER_TITLE = (
     "Data: a published fit of measurements (Eq. 17 with Table 1's σ, ψ; Zhou, 2013), "
     "not measurements"
@@ -110,7 +110,6 @@ def write_report(
                 pictures[PICTURES[name]] = name
         parts = sections(result, pictures, command, printed, draws).values()
         blocks = [block for part in parts for block in part]
-        write_text(staged / "report.md", markdown(blocks))
         write_text(staged / "report.html", page(blocks, staged))
         return [name for name in FILES if (staged / name).exists()]
 

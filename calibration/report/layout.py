@@ -1,4 +1,4 @@
-"""A report is a list of blocks; here it becomes terminal text, a Markdown page or HTML."""
+"""A report is a list of blocks; here it becomes terminal text or HTML."""
 
 import base64
 import io
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import jinja2
 import pandas as pd
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
@@ -22,11 +22,8 @@ from calibration import console
 from calibration.errors import printable
 from calibration.rounding import ABSENT
 
-# characters of Markdown's syntax: not an underscore between letters, and brackets only where
-# another bracket follows
-STRUCTURE = re.compile(r'[<>&`*\\#~$|"]|!(?=\[)|\](?=[\[(:])|:(?=//)|(?<![^\W_])_|_(?![^\W_])')
-# a word between backticks, in sentences of our own, once they are escaped
-CODE = re.compile("&#96;((?:softjax )?[\\w-]+)&#96;")
+# a word between backticks, in sentences of our own
+CODE = re.compile(r"`((?:softjax )?[\w-]+)`")
 
 
 class Block(NamedTuple):
@@ -52,18 +49,12 @@ def terminal(blocks: Iterable[Block]) -> str:
     return "\n\n".join("\n".join(lines) for lines in map(_lines, blocks) if lines)
 
 
-def markdown(blocks: Iterable[Block]) -> str:
-    """Blocks as a Markdown page."""
-    text = _template("report.md").render(blocks=blocks)
-    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
-
-
 def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
     """HTML of blocks: a full page with the pictures of a folder, or a fragment without."""
 
     files = {b.value[1]: folder / b.value[1] for b in blocks if folder and b.kind == "picture"}
     pictures = {n: Markup(base64.b64encode(f.read_bytes()).decode()) for n, f in files.items()}
-    return _template("report.html").render(blocks=blocks, folder=folder, pictures=pictures)
+    return _template().render(blocks=blocks, folder=folder, pictures=pictures)
 
 
 def table_text(table: pd.DataFrame) -> str:
@@ -106,8 +97,8 @@ def _lines(block: Block) -> list[str]:
 
 
 @cache
-def _template(name: str) -> jinja2.Template:
-    """A template in which all text is escaped."""
+def _template() -> jinja2.Template:
+    """The template of a page, in which all text is escaped."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
         autoescape=True,
@@ -117,21 +108,23 @@ def _template(name: str) -> jinja2.Template:
         keep_trailing_newline=True,
         undefined=jinja2.StrictUndefined,
     )
-    code = r"<code>\1</code>" if name.endswith(".html") else r"`\1`"
-    environment.filters |= {
-        "prose": lambda text: Markup(CODE.sub(code, _escaped(text))),
-        "plain": lambda text: Markup(printable(text)),
-        "row": lambda cells: Markup(f"| {' | '.join(map(_escaped, cells))} |"),
-    }
+    environment.filters["prose"] = _prose
     environment.tests["of_numbers"] = _are_numbers
-    return environment.get_template(name)
+    return environment.get_template("report.html")
 
 
 def _escaped(value: Any) -> Markup:
-    """Text with entities in place of characters that Markdown or HTML would interpret."""
-    if isinstance(value, Markup):
-        return value
-    return Markup(STRUCTURE.sub(lambda match: f"&#{ord(match[0])};", printable(str(value))))
+    """Text with entities in place of characters that HTML would interpret; control characters as codes."""
+    return value if isinstance(value, Markup) else escape(printable(str(value)))
+
+
+def _prose(text: str) -> Markup:
+    """A sentence of our own, with words between backticks as code."""
+    parts = CODE.split(text)  # text and code in turn
+    return Markup("").join(
+        Markup("<code>{}</code>").format(part) if k % 2 else _escaped(part)
+        for k, part in enumerate(parts)
+    )
 
 
 def _are_numbers(column: Iterable[Any]) -> bool:

@@ -13,7 +13,7 @@ from calibration.observables import OBSERVABLES, predicted
 from calibration.plots import comparison_figure, observables_figure
 from tests.fit_data import pair
 from tests.shown.capture import as_recorded
-from tests.shown.tables import cells
+from tests.shown.tables import Tags, cells
 
 PAIR = pair("stainless steel")
 MASS = float(PAIR.mass)
@@ -242,8 +242,8 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
         assert found.rpartition("which they determine to ")[2] == off
     assert 0.9 < float(found.split("those of ")[1].split()[0]) < 0.92  # 1/1.1, ± 1 %
     assert "observables.png" in result.report(tmp_path)
-    report = (tmp_path / "report.md").read_text(encoding="utf-8")
-    as_recorded("times", {"observables.png": observables_figure(result), "report.md": report})
+    report = "\n\n".join(Tags((tmp_path / "report.html").read_text(encoding="utf-8")).paragraphs)
+    as_recorded("times", {"observables.png": observables_figure(result), "report.html": report})
     times = re.search(r"the contact times alone would give (.*) ± (.*) times the stated E", report)
     factor, error = (float(number) for number in times.groups())
     assert 0.9 < factor < 0.92

@@ -18,6 +18,7 @@ from tests.command import run
 from tests.fit_data import TRUTH, eq_17_data, pair
 from tests.fit_oracle import own_model
 from tests.shown.capture import as_recorded, band, bars, drawn, labels, line
+from tests.shown.tables import Tags
 
 # found independently by least squares on the energy balance
 CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
@@ -212,7 +213,7 @@ def test_the_line_weighs_what_is_fitted_on_any_scale(tmp_path):
         assert found.value == pytest.approx(value, rel=1e-9)
         assert found.standard_error == pytest.approx(error, rel=1e-6)
     result.report(tmp_path)
-    report = (tmp_path / "report.md").read_text(encoding="utf-8")
+    report = Tags((tmp_path / "report.html").read_text(encoding="utf-8")).words
     assert f"c2 include the scatter about the line, {100 * scatter:.2g} %." in report
     assert cal.fit(sets, unloading_line=None, **QUICK).unloading_line is None
 
@@ -374,7 +375,7 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(six, 
         with pytest.raises(ValueError, match=message):
             call()
     result.report(tmp_path)
-    report = (tmp_path / "report.md").read_text(encoding="utf-8")
+    report = Tags((tmp_path / "report.html").read_text(encoding="utf-8")).words
     assert "scatter about the line" not in report
     assert "only a third material can test it." in report
     assert "less closely" not in report

@@ -11,7 +11,7 @@ from tests.command import run
 from tests.golden import simulated
 from tests.golden.cases import contact, plain_fit, rebounds
 from tests.golden.numbers import scenario
-from tests.shown.tables import markdown_tables
+from tests.shown.tables import Tags
 
 LAW = (1.2, 0.9, 0.5)
 SHOTS = [0.02, 0.06, 0.1, 0.3, 1.0, 5.0]
@@ -105,11 +105,11 @@ ROUNDING = re.compile(r"0|-?\de-\d+|\S+e-1[5-9]")  # differences of two fits, or
 
 
 def record_command(numbers, words, out, name=""):
-    """What `softjax fit` writes: numbers of fit.json, and those of the tables of report.md row by row."""
+    """What `softjax fit` writes: numbers of fit.json, and those of the tables of report.html row by row."""
     code, _, error = run("fit", *words, "--out", out, "--no-cache")
     assert code == 0, error
     record_json(numbers, out / "fit.json", name)
-    tables = markdown_tables((out / "report.md").read_text(encoding="utf-8"))
+    tables = Tags((out / "report.html").read_text(encoding="utf-8")).tables
     rows = [row for header, *rows in tables if "seconds" not in header for row in rows]
     record_table(numbers, rows, f"{name}report: ")
 

@@ -1,6 +1,5 @@
 """Pictures that commands save, caught as Matplotlib's figures, and how they look."""
 
-import html
 import json
 import os
 import re
@@ -134,7 +133,7 @@ def ends_and_mean(values) -> np.ndarray:
 
 def words(text: str) -> list[str]:
     """Its paragraphs, but for what differs from run to run: places, dates, versions, seconds."""
-    text = re.sub(r"/\S*/", "…/", html.unescape(text).partition("\nWritten to")[0])
+    text = re.sub(r"/\S*/", "…/", text.partition("\nWritten to")[0])
     text = re.sub(r"\S+\s+evaluations?,\s+\S+\s+s", "@", text)
     blocks = [" ".join(block.split()) for block in text.split("\n\n")]
     return [block for block in blocks if block and not re.match(r"\d{4}-\d\d-\d\d; ", block)]

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from tests.cases import pair
 from tests.command import BODIES, run
 from tests.shown.capture import drawn
+from tests.shown.tables import Tags
 
 VELOCITY = np.geomspace(0.2, 30.0, 24)
 NOISE = 0.01 * np.random.default_rng(5).standard_normal(24)
@@ -30,8 +31,12 @@ class Shown:
     @property
     def everything(self) -> dict[str, Figure | str]:
         """Pictures, and what is printed and reported in words."""
-        reports = {path.name: self.text(path.name) for path in self.folder.glob("*.md")}
+        pages = [path.name for path in self.folder.glob("*.html")]
+        reports = {name: "\n\n".join(self.page(name).paragraphs) for name in pages}
         return {**self.figures, "printed": self.out, **reports}
+
+    def page(self, name: str = "report.html") -> Tags:
+        return Tags(self.text(name))
 
     def text(self, name: str) -> str:
         return (self.folder / name).read_text(encoding="utf-8")

@@ -1,24 +1,10 @@
-"""Tables read back from Markdown and from a terminal, and the tags of a page."""
+"""Tables read back from a terminal; the tags, words and tables of a page."""
 
-import html
 import re
 from html.parser import HTMLParser
 
-
-def markdown_tables(text: str) -> list[list[list[str]]]:
-    """Every table as rows of cells, its header first."""
-    tables: list[list[list[str]]] = []
-    begun = False
-    for line in text.splitlines():
-        if line.startswith("|"):
-            words = re.split(r"(?<!\\)\|", line)[1:-1]
-            row = [html.unescape(cell.strip().replace("\\|", "|")) for cell in words]
-            if not begun:
-                tables.append([])
-            if set("".join(row)) != {"-"}:
-                tables[-1].append(row)
-        begun = line.startswith("|")
-    return tables
+# of the paragraphs of a page, by tag
+STARTS = {"h1": "# ", "h2": "## ", "li": "- ", "p": "", "tr": "", "figcaption": "picture: "}
 
 
 def cells(line: str) -> list[str]:
@@ -38,23 +24,38 @@ def terminal_table(text: str, head: str) -> list[list[str]]:
 
 
 class Tags(HTMLParser):
-    """Tags with their attributes, and the text between."""
+    """Tags with their attributes, the text between, tables as rows of cells with their header first, and
+    `paragraphs`: the text of each heading, sentence, entry of a list and row of a table."""
 
     def __init__(self, text):
         super().__init__()
-        self.tags, self.words, self.open = [], "", []
+        self.tags, self.words, self.open, self.tables, self.paragraphs = [], "", [], [], []
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
         if tag not in ("meta", "img"):
             self.open.append(tag)
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+        if tag in STARTS:
+            self.paragraphs.append(STARTS[tag])
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
+        if tag == "tr":
+            self.paragraphs[-1] = f"| {' | '.join(self.tables[-1][-1])} |"
 
     def handle_data(self, data):
         self.words += data
+        if {"td", "th"} & {*self.open}:
+            self.tables[-1][-1][-1] += data
+        elif {*STARTS} & {*self.open}:
+            self.paragraphs[-1] += data
 
     def named(self, name):
         return [attrs for tag, attrs in self.tags if tag == name]

@@ -29,7 +29,7 @@ from tests.shown.capture import (
     panels,
 )
 from tests.shown.conftest import MADE, MASS, VELOCITY, reported, shown, write
-from tests.shown.tables import Tags, cells, markdown_tables
+from tests.shown.tables import Tags, cells
 
 NAMES = ["stainless steel", "chrome steel", "nylon"]
 TRUTH = dict(zip(NAMES, ((3.0432, 0.54), (0.1418, 0.3114), (0.4355, 0.5414)), strict=True))
@@ -146,8 +146,7 @@ def test_correlations_are_a_matrix_with_its_numbers(alloy, main_job):
 def test_the_main_job_says_what_it_found(main_job):
     assert (main_job.code, main_job.err) == (0, "")
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
-    report = main_job.text("report.md")
-    header, *rows = markdown_tables(report)[2]
+    header, *rows = main_job.page().tables[2]
     warnings = cal.FitResult.load(main_job.folder / "fit.json").warnings
     for row, warning in zip(rows, warnings, strict=True):  # no intervals to be too narrow
         of = dict(zip(header, row, strict=True))
@@ -206,8 +205,8 @@ def test_the_main_picture_has_each_curve_that_its_legend_names(main_job):
 
 def test_the_tables_of_a_report_have_the_fits_numbers(alloy):
     (k1, values, errors), chi_squared = spring(alloy), best()[2]
-    report, fit = alloy.text("report.md"), cal.FitResult.load(alloy.folder / "fit.json")
-    bodies, parameters, quality = markdown_tables(report)[:3]
+    fit = cal.FitResult.load(alloy.folder / "fit.json")
+    bodies, parameters, quality = alloy.page().tables[:3]
     rows = {row[1]: row[2:] for row in parameters[1:]}
     assert list(rows) == ["k1 [N/m]", "k20 [N/m]", "s [1/m]"]
     fixed, *found = rows.values()
@@ -254,13 +253,15 @@ def test_a_result_shows_itself(alloy, tmp_path, monkeypatch):
         names = fit.report(tmp_path / "mine")
     assert {*names} == {path.name for path in alloy.folder.iterdir()}
     assert looks(figures["curves.png"]) == looks(fit.plot())
-    own = "    softjax fit .*\n\n|, from [^;]*alloy.csv"
-    reports = (alloy.text("report.md"), (tmp_path / "mine/report.md").read_text(encoding="utf-8"))
-    given, default = (re.sub(own, "", report) for report in reports)
-    assert default == given
+    own = re.compile("softjax fit .*|, from [^;]*alloy.csv")
+    pages = alloy.page(), Tags((tmp_path / "mine/report.html").read_text(encoding="utf-8"))
+    assert not {"`", "<code>"} & {*pages[0].words.replace("<code>", "`")}
+    assert len(pages[0].named("code")) == 2  # `model`, and the command
+    given, default = ([own.sub("", text) for text in page.paragraphs] for page in pages)
+    assert default == [text for text in given if text]
     page = Tags(fit._repr_html_())
     assert page.open == page.named("img") == []
-    for cell in markdown_tables(given)[1][2]:
+    for cell in pages[0].tables[1][2]:
         assert cell in page.words
 
 
@@ -275,7 +276,7 @@ def test_a_report_of_ones_own_law_needs_one_call(tmp_path):
     data = cal.RestitutionData(VELOCITY, MADE, uncertainty=0.01, name="mine")
     fit = cal.fit(data, Grown, {"growth": 1.0}, profiles=False, starts=4)
     names = fit.report(tmp_path)
-    assert {*names} >= {"fit.json", "curves.png", "report.md", "report.html"}
+    assert {*names} >= {"fit.json", "curves.png", "report.html"}
     assert list(fit.to_frame()["unit"]) == ["", "s/m", "1/s"]
     page = Tags((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "g: pace of nothing" in page.words
@@ -365,10 +366,9 @@ def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):
     followed = shown(tmp_path, "curve", "--fit", made.folder / "fit.json", "--points", "3")
     as_recorded("not converged", {**made.everything, "curve of it": followed.out})
     assert made.figures["curves.png"].axes[0].get_title() == "alloy (NOT CONVERGED)"
-    report = made.text("report.md")
-    for text in (report, made.out):
+    for text in (made.page().words, made.out):
         assert "NOT CONVERGED: do not use these values." in text
-    assert markdown_tables(report)[2][1][-1] == "NO"
+    assert made.page().tables[2][1][-1] == "NO"
     assert "fit.json (NOT CONVERGED) 3 velocities," in " ".join(followed.out.split())
 
 

@@ -25,7 +25,7 @@ from tests.coverage.test_coverage import drops
 from tests.decay import Decay
 from tests.fit_data import twin
 from tests.shown.capture import as_recorded, line
-from tests.shown.tables import markdown_tables
+from tests.shown.tables import Tags
 
 
 def needed(name):
@@ -490,18 +490,20 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
         options = ("--law", "constant", "--seed", 3, "--no-profiles", "--out", out)
         code, printed, err = run("fit", tmp_path / "a.toml", "--posterior", *count, *options)
         assert (code, err) == (0, "")
-        report = (out / "report.md").read_text(encoding="utf-8")
-        section = report[report.index("## Posterior") :]
-        return printed, section, {x.split("**")[1]: x for x in section.splitlines() if "**" in x}
+        page = Tags((out / "report.html").read_text(encoding="utf-8"))
+        section = page.paragraphs[page.paragraphs.index("## Posterior") :]
+        entries = {x.split()[1].rstrip(":"): x for x in section if x.startswith("- ")}
+        (table,) = (table for table in page.tables if table[0][1] == "mean ± std. deviation")
+        return printed, "\n\n".join(section), entries, table
 
     draws = of_two_sets(1000)
-    printed, section, warned = sampled(draws)
+    printed, section, warned, table = sampled(draws)
     assert [given[name] for name in ("draws", "seed", "warmup")] == [1000, 3, 1000]
     assert {"posterior.nc", "posterior.png"} <= {path.name for path in out.iterdir()}
     expected = np.asarray(draws["posterior"]["restitution[balls 1]"])
     with xarray.open_dataset(out / "posterior.nc", group="posterior", engine="h5netcdf") as found:
         np.testing.assert_array_equal(found["restitution[balls 1]"], expected)
-    (_, _, ends, *_), *table = markdown_tables(section)[0]
+    (_, _, ends, *_), *table = table
     assert ends == "95 % interval"
     _, row, _ = table
     assert float(row[1].split(" ± ")[0]) == pytest.approx(np.mean(expected), abs=1e-3)
@@ -510,7 +512,7 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
     of_draws = {code for code, line in warned.items() if "(posterior)" in line}
     assert of_draws == {"mass-at-bound", "follows-prior"}
     as_recorded("posterior in words", {"printed": printed, "section": section})
-    _, section, warned = sampled(of_two_sets(100, bad=True), 100)
+    _, section, warned, _ = sampled(of_two_sets(100, bad=True), 100)
     as_recorded("a bad posterior", {"section": section})
     assert [given[name] for name in ("draws", "warmup")] == [100, 100]
     assert {"r-hat", "effective-size", "divergences", "funnel"} <= set(warned)

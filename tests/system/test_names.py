@@ -1,15 +1,12 @@
 """Names from files are text: they make no rows, no pictures, no links, and move no cursor."""
 
-import html
 import json
 import os
-import re
 import subprocess
 
 import pytest
 
 from tests.shown.conftest import shown
-from tests.shown.tables import Tags
 
 NAMES = {
     "newline": "steel\n9 0.5 0 0 0 0",
@@ -50,31 +47,19 @@ def test_nothing_reaches_the_terminal_but_letters_and_the_report_has_the_command
     out, folder = hostile.out, hostile.folder.parent
     assert all(line.isprintable() for line in out.replace(str(folder), "").splitlines())
     assert all(name in out for name in (r"steel\n9 0.5 0 0 0 0", r"\x1b[2J", r"abc\u202edef"))
-    (command,) = re.findall(r"^    (softjax fit .*)", hostile.text("report.md"), re.M)
+    (command,) = (x for x in hostile.page().paragraphs if x.startswith("softjax fit "))
     words = ["bash", "-c", f"printf '%s\\0' {command}"]
     printed = subprocess.run(words, capture_output=True, check=True).stdout
     found = [os.fsdecode(word) for word in printed.split(b"\0")[:-1]]
     assert found == ["softjax", "fit", str(folder / "m.toml"), "--out", str(hostile.folder)]
 
 
-def test_a_report_has_its_own_structure_alone_and_shows_each_name(hostile):
-    report = hostile.text("report.md")
-    lines = report.splitlines()
-    assert all(line.isprintable() for line in lines)
-    assert not any("heading" in line for line in lines if line.startswith("#"))
-    assert "<" not in report
-    assert all(link.endswith(".png") for link in re.findall(r"\]\(([^)]*)\)", report))
-    assert "://" not in report
-    tables = [block.splitlines() for block in report.split("\n\n") if block.startswith("|")]
-    assert len(tables) >= 3
-    for table in tables:
-        assert len({len(re.findall(r"(?<!\\)\|", row)) for row in table}) == 1
-    text = html.unescape(report)
-    assert all(f"- **{NAMES[name]}**" in text for name in PLAIN)
-
-
 def test_a_page_and_a_picture_show_each_name_and_nothing_acts(hostile):
-    page = Tags(hostile.text("report.html"))
+    page = hostile.page()
+    assert all(text.isprintable() for text in page.paragraphs)
+    assert not any("heading" in text for text in page.paragraphs if text.startswith("#"))
+    assert all(f"- {NAMES[name]}" in "\n".join(page.paragraphs) for name in PLAIN)
+    assert all(len({*map(len, table)}) == 1 for table in page.tables)
     assert page.open == page.named("script") == page.named("link") == []
     addresses = [attrs.get("href") or attrs.get("src") for _, attrs in page.tags]
     assert all(a is None or a.startswith("data:image/png;base64,") for a in addresses)

@@ -162,8 +162,8 @@ def test_an_umlaut_where_there_is_only_ascii_and_a_path_that_is_no_text(tmp_path
     assert (done.returncode, done.stderr) == (0, b"")
     assert "std. error" in done.stdout.decode("ascii")
     folder = os.path.join(os.fsencode(tmp_path), out)
-    assert set(os.listdir(folder)) >= {b"fit.json", b"report.md", b"curves.png"}
-    with open(os.path.join(folder, b"report.md"), encoding="utf-8") as report:
+    assert set(os.listdir(folder)) >= {b"fit.json", b"report.html", b"curves.png"}
+    with open(os.path.join(folder, b"report.html"), encoding="utf-8") as report:
         assert "±" in report.read()
     with open(os.path.join(folder, b"fit.json"), encoding="utf-8") as table:
         assert json.load(table)["converged"] is True
