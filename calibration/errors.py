@@ -129,9 +129,9 @@ def is_finite_number(value: Any) -> bool:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """` (did you mean 'x'?)`, or nothing where no known name is near."""
-    name, known = name[:100].lower(), list(known)
-    near = difflib.get_close_matches(name, known, n=1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
+    words = {word.lstrip("-"): word for word in known}  # hyphens of options make none alike
+    near = difflib.get_close_matches(name[:100].lower().lstrip("-"), words, n=1)
+    return f" (did you mean {words[near[0]]!r}?)" if near else ""
 
 
 def listed(names: Iterable[str]) -> str:

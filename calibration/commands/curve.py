@@ -4,7 +4,7 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
 `softjax fit` finds it, unless given), a material file, or a fit with its confidence band:
 
     softjax curve nylon --from 0.1 --to 50 --points 500 --spacing log --format csv png
-    softjax curve my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --table
+    softjax curve my_alloy.toml --set chi=0.2 sigma=0.4 psi=0.5 --table
     softjax curve --fit results/fit.json --material nylon
     softjax curve third.toml --line results/fit.json
     softjax curve --fit results/fit.json --posterior results/posterior.nc

@@ -2,7 +2,7 @@
 
     softjax export --fit results/fit.json --material nylon --to lammps --range 0.1:5
     softjax export stainless-steel --to c --range 0.1:5 --tolerance 0.001
-    softjax export my_alloy.toml --chi 0.2 --sigma 0.4 --psi 0.5 --to yade --range 0.5:2
+    softjax export my_alloy.toml --set chi=0.2 sigma=0.4 psi=0.5 --to yade --range 0.5:2
     softjax export nylon --to liggghts --range 1:2 --export-law hertz-dashpot --overlap 0.02
 
 Written are input lines or source code, and export.json and export.png: ε of the law and of what the code

@@ -2,7 +2,7 @@
 
 import argparse
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
-from calibration.commands.source_options import COEFFICIENTS, VARIANTS, read_material_file
+from calibration.commands.source_options import read_material_file
 from calibration.console import print_first
 from calibration.curves import Source
 from calibration.data.checks import as_number
@@ -27,17 +27,19 @@ from calibration.parameters import Parameter
 FITTED_CHI = {"stainless steel": 1.7944, "chrome steel": 0.09867, "nylon": 0.21998}
 DECADES_BELOW_YIELD = 0.1  # default start of a grid, in critical velocities
 FAR_ABOVE_YIELD = 100.0  # and its end without data
-OF_LAW = ("chi", "law", "area", "set", *VARIANTS)
+OF_LAW = ("law", "area")
 
 
 def read_source(arguments: argparse.Namespace) -> Source:
     """The law that the options state; raises InputError or DataError."""
+    _take_material(arguments)
     is_file = bool(Path(arguments.source or "").suffix)
+    left_out: tuple[str, ...]
     if arguments.line is not None:
         left_out = ("fit", "posterior", *OF_LAW)
         why = "with --line, whose law is Zhou's as it was fitted"
     elif arguments.fit is not None:
-        left_out = ("eps_up", "sigma", "psi", *OF_LAW)
+        left_out = ("eps_up", "set", *OF_LAW)
         why = "with --fit, whose law is the fitted one"
     else:
         left_out = ("posterior", *["material"] * (not is_file))
@@ -51,6 +53,15 @@ def read_source(arguments: argparse.Namespace) -> Source:
     if arguments.fit is not None:
         return _of_fit(arguments)
     return _of_file(arguments) if is_file else _of_paper(arguments)
+
+
+def _take_material(arguments: argparse.Namespace) -> None:
+    """Of the words after `--set` the one without "=" is the material, where none stands elsewhere."""
+    words = [word for word in arguments.set if "=" not in word]
+    if words and (len(words) > 1 or arguments.source is not None):
+        raise DataError("--set", words[-1], "NAME=VALUE")
+    arguments.source = words[0] if words else arguments.source
+    arguments.set = [word for word in arguments.set if "=" in word]
 
 
 def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
@@ -76,7 +87,7 @@ def _of_paper(arguments: argparse.Namespace) -> Source:
     known, origin = {"sigma": entry.sigma, "psi": entry.psi}, ""
     name, stated = arguments.law or "zhou", _stated(arguments)
     if name == "zhou" and "chi" not in stated:  # χ̃ goes with the law's variant
-        if stated.get("kappa", ("", ""))[1] == "printed":
+        if stated.get("kappa") == "printed":
             known["chi"], origin = entry.chi, f", Table 1's χ̃ = {entry.chi:g}"
         elif area == "zhou":
             known["chi"] = FITTED_CHI[entry.name]
@@ -116,7 +127,9 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     remark = f"{printable(entry.name)}: {arguments.source}"
     if arguments.line is not None:
         line, measured = _line(arguments.line)
-        losses = {name: getattr(arguments, name) for name in ("eps_up", "sigma", "psi")}
+        losses = _stated(arguments)
+        _check_names(losses, ("sigma", "psi"), "with --line one")
+        losses["eps_up"] = arguments.eps_up
         lines = [f"{remark}, by {arguments.line}", *line.remarks(contact, **losses)]
         first, law, remark = critical, line.law(contact, **losses), "\n".join(lines)
         more: dict[str, Any] = {"line": line, "losses": losses, "measured": measured}
@@ -160,8 +173,10 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
     plain = name if name is None or name in names else name.replace("-", " ")
     fit = result.material(_chosen(plain, names, "the fit"))
     if fit.contact is not None and any(map(np.ndim, fit.contact.leaves().values())):
-        stated = " ".join(f"--set {n}={e.value:.6g}" for n, e in fit.parameters.items() if e.value)
-        accepted = f"use a material file of one size: FILE.toml --law {fit.model.key} {stated}"
+        stated = " ".join(f"{n}={e.value:.6g}" for n, e in fit.parameters.items() if e.value)
+        accepted = (
+            f"use a material file of one size: FILE.toml --law {fit.model.key} --set {stated}"
+        )
         raise InputError(arguments.fit, None, f"{fit.name!r} has bodies of several sizes", accepted)
     low, high = _ends(fit.data.velocity)
     span = (0.5 * low, 2 * low) if low == high else (low, high)
@@ -218,50 +233,49 @@ def _law(
     fields = {field.name: field for field in dataclasses.fields(LAWS[name])}
     available = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
     values = {field: value for field, value in available.items() if field in fields}
-    stated, names = _stated(arguments), [field for field in fields if field != "contact"]
-    for field, (option, value) in stated.items():
-        if field not in names:
-            accepted = f"a field of {name}: {listed(names) or 'none'}{did_you_mean(field, names)}"
-            raise DataError(option, field, accepted)
-        values[field] = value
+    stated = _stated(arguments)
+    _check_names(stated, [field for field in fields if field != "contact"], f"a field of {name}")
+    values |= stated
     for field, parameter in free.items():
         if field in fields and field not in stated:
             problem = f"{field} is free" + ", and its value a start" * (parameter.value is not None)
-            option = f"--{field} X" if field in COEFFICIENTS else f"--set {field}=X"
-            accepted = f"give {option}, fix it by a plain number, or read its fit by --fit"
+            accepted = f"give --set {field}=X, fix it by a plain number, or read its fit by --fit"
             place = parameter.origin or Origin("")  # a file's parameters have one
             raise InputError(place.file, place.line, problem, accepted)
     eps_up = known.get("eps_up") if arguments.eps_up is None else arguments.eps_up
     if arguments.eps_up is not None and (name != "zhou" or "sigma" in stated):
-        raise DataError("--eps-up", eps_up, "left out with --sigma, and with other laws than zhou")
+        raise DataError("--eps-up", eps_up, "left out with sigma, and with other laws than zhou")
     by_eps_up = name == "zhou" and eps_up is not None and "sigma" not in stated
     if by_eps_up:
         as_number("--eps-up", eps_up, lambda restitution: 0 < restitution < 1, "between 0 and 1")
         values["sigma"] = 1.0  # until ψ is checked
     needed = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in values]
-    if needed and name == "zhou":
-        accepted = "given, or fitted first and read by --fit"
-        if by_eps_up and needed[0] == "psi":
-            accepted = "given with --eps-up (0.5, say; it acts below first yield only)"
-        raise DataError(f"--{needed[0]}", "missing", accepted)
     if needed:
-        raise DataError("--law", name, f"given with --set {needed[0]}=…")
+        accepted = f"given with --set {' '.join(f'{field}=…' for field in needed)}"
+        if by_eps_up and needed == ["psi"]:
+            accepted += " (0.5, say; it acts below first yield only)"
+        raise DataError("--law", name, f"{accepted}, or fitted first and read by --fit")
     law = LAWS[name](**values)
     if not by_eps_up:
         return law
     return dataclasses.replace(law, sigma=float(sigma_of(contact, eps_up, law.psi)))
 
 
-def _stated(arguments: argparse.Namespace) -> dict[str, tuple[str, float | str]]:
-    """Fields of the law that the options state: {field: (option, value)}."""
-    options = {name: getattr(arguments, name) for name in (*COEFFICIENTS, *VARIANTS)}
-    stated = {name: (f"--{name}", x) for name, x in options.items() if x is not None}
+def _stated(arguments: argparse.Namespace) -> dict[str, float | str]:
+    """What `--set` states, {name: value}."""
+    stated: dict[str, float | str] = {}
     for assignment in arguments.set:
-        name, mark, text = (part.strip() for part in assignment.partition("="))
-        if not mark or not name:
-            raise DataError("--set", assignment, "name=value")
-        value: float | str = text
+        name, _, text = (part.strip() for part in assignment.partition("="))
+        name = name.replace("-", "_")
+        stated[name] = text
         with suppress(ValueError):
-            value = float(text)
-        stated[name.replace("-", "_")] = ("--set", value)
+            stated[name] = float(text)
     return stated
+
+
+def _check_names(stated: Iterable[str], names: Iterable[str], what: str) -> None:
+    names = [*names]
+    for name in stated:
+        if name not in names:
+            accepted = f"{what}: {listed(names) or 'none'}{did_you_mean(name, names)}"
+            raise DataError("--set", name, accepted)

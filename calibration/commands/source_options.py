@@ -5,17 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from calibration.errors import InputError
-from calibration.options import LAW_OPTIONS, LAWS, ROUTES, add_options
+from calibration.options import LAWS, ROUTES
 
-COEFFICIENTS = ("chi", "sigma", "psi")
-VARIANTS = tuple(name for name, laws in LAW_OPTIONS.items() if "zhou" in laws)
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods")
 
 
 def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = False) -> None:
     """The options that `read_source` reads."""
-    group = parser.add_argument_group("which collision")
-    add = group.add_argument
+    add = parser.add_argument_group("which collision").add_argument
     text = "stainless-steel (default), chrome-steel, nylon, or a material file FILE.toml"
     add("source", nargs="?", metavar="MATERIAL", help=text)
     add("--fit", metavar="FIT.json", type=Path, help="a result of softjax fit")
@@ -23,16 +20,13 @@ def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = Fals
         add("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit: the band is theirs")
     text = "of FILE.toml's material by Eq. (18) through the materials of a fit"
     add("--line", metavar="FIT.json", type=Path, help=text)
-    text = "restitution at first yield, in place of --sigma (with --line the mean of its materials)"
+    text = "restitution at first yield, in place of sigma (with --line the mean of its materials)"
     add("--eps-up", type=float, metavar="X", help=text)
     add("--material", metavar="NAME", help="which one of a file's or a fit's")
-    for name in COEFFICIENTS:
-        add(f"--{name}", type=float, metavar="X", help=f"{name} of Zhou's law")
     add("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
-    add_options(group, VARIANTS)
     add("--law", choices=LAWS, help="default: that of the file, else zhou")
-    text = "a field of the law, such as restitution=0.9; may be repeated"
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help=text)
+    text = "parameters of the law and its variants: chi=0.2 sigma=0.4 psi=0.5 form=full"
+    add("--set", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help=text)
 
 
 def add_route_arguments(parser: argparse.ArgumentParser) -> None:

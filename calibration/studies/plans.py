@@ -42,7 +42,7 @@ TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
 ROUNDED = 1.1  # times the error of a direction: that of its product with the exponents as written
 BY_HAND = (
     "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
-    "--chi … --sigma … --psi … --study design --from …`"
+    "--set chi=… sigma=… psi=… --study design --from …`"
 )
 
 Column = Float[np.ndarray, "n"]

@@ -38,7 +38,7 @@ def test_unusable_command_lines_are_refused(words, files, at):
     assert list(at.iterdir()) == []
 
 
-FREE = "give --chi X, fix it by a plain number, or read its fit by --fit"
+FREE = "give --set chi=X, fix it by a plain number, or read its fit by --fit"
 OF_START = f"alloy.toml:13: chi is free, and its value a start; {FREE}"
 FACTOR = "--set yield_factor=X"
 NOT_SAID = [
@@ -61,7 +61,7 @@ NOT_SAID = [
 @pytest.mark.parametrize(("words", "settings", "below", "blamed"), NOT_SAID)
 def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, capsys, at):
     command, *more = words.split()
-    more += [] if command == "fit" or "thornton" in more else ["--sigma", "1", "--psi", "0.5"]
+    more += [] if command == "fit" or "thornton" in more else ["--set", "sigma=1", "psi=0.5"]
     file = str(write_alloy(at, settings, below=below))
     check([command, file, *more], blamed.split("|"))
     assert not (at / "results").exists()
@@ -70,9 +70,9 @@ def test_what_a_file_may_not_say_is_refused(words, settings, below, blamed, caps
 ALLOY = noisy().contact
 ZHOU, THORNTON = sj.Zhou(ALLOY, 0.2, 1.0, 0.5), 'law = "thornton"'
 TAKEN = [
-    ("", "chi = { value = 0.1 }", "--chi 0.2 --sigma 1 --psi 0.5", ZHOU),
-    ("", "chi = 0.2", "--sigma 1 --psi 0.5", ZHOU),
-    ("", "chi = { value = 0.2, free = false }", "--sigma 1 --psi 0.5", ZHOU),
+    ("", "chi = { value = 0.1 }", "--set chi=0.2 sigma=1 psi=0.5", ZHOU),
+    ("", "chi = 0.2", "--set sigma=1 psi=0.5", ZHOU),
+    ("", "chi = { value = 0.2, free = false }", "--set sigma=1 psi=0.5", ZHOU),
     (THORNTON, "yield_factor = { value = 1.2 }", f"{FACTOR[:-1]}1.3", sj.Thornton(ALLOY, 1.3)),
     (THORNTON, "yield_factor = 2.5", "", sj.Thornton(ALLOY, 2.5)),
     (THORNTON, "yield_factor = 2.5", f"{FACTOR[:-1]}2", sj.Thornton(ALLOY, 2.0)),

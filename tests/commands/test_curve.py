@@ -74,8 +74,8 @@ def test_every_format_has_the_same_float64_and_statuses_are_written_by_name(at):
     out = at / "results"
     assert rows_of(out / "curve.csv")[0] == ["velocity [m/s]", "restitution", "status"]
     agrees(at, fitted("nylon"), rtol=1e-14)
-    words = ["--chi", 0.016, "--from", 0.5, "--to", 3, "--points", 2, "--format", "csv", "png"]
-    curve("nylon", *words)
+    words = ["--from", 0.5, "--to", 3, "--points", 2, "--format", "csv", "png"]
+    curve("--set", "chi=0.016", "nylon", *words)  # a word without "=" is the material
     (*_, first), (*_, last) = rows_of(at / "results" / "curve.csv")[1:]
     assert (first, last) == ("ELASTIC", "NO_RESIDUAL_OVERLAP|ENERGY_GAIN")
 
@@ -87,23 +87,20 @@ def zhou(area="zhou", **changed):
 AT_YIELD = pair("nylon").limit_velocity / pair("nylon").critical_velocity - 1  # of Eq. (17)
 LAWS = {
     "--eps-up 0.9": zhou(sigma=-np.log(0.9) * AT_YIELD**0.5414),
-    "--chi 0.3": zhou(chi=0.3),
     "--set chi=0.3": zhou(chi=0.3),
-    "--sigma 0.1": zhou(sigma=0.1),
-    "--psi 0.9": zhou(psi=0.9),
-    "--kappa printed": zhou(kappa="printed", chi=0.016),
+    "--set sigma=0.1 --set psi=0.9": zhou(sigma=0.1, psi=0.9),
     "--set kappa=printed": zhou(kappa="printed", chi=0.016),
-    "--kappa printed --chi 0.21998": zhou(kappa="printed"),
-    "--area hertz --form full --chi 0.3": zhou("hertz", chi=0.3, form="full"),
+    "--set kappa=printed chi=0.21998": zhou(kappa="printed"),
+    "--area hertz --set form=full chi=0.3": zhou("hertz", chi=0.3, form="full"),
     "--law constant --set restitution=0.75": sj.ConstantRestitution(None, 0.75),
     "--law hertz": sj.Hertz(pair("nylon")),
     "--law thornton --set yield_factor=2.5 --set area=contact": sj.Thornton(
         pair("nylon"), 2.5, "contact"
     ),
-    "--law walton-braun --set loading_stiffness=1e6 --set unloading-stiffness=2e6 --set growth=3": (
+    "--law walton-braun --set loading_stiffness=1e6 unloading-stiffness=2e6 growth=3": (
         sj.WaltonBraun(pair("nylon"), 1e6, 2e6, 3.0)
     ),
-    "--law eq-17 --set sigma=0.3 --psi 0.5414": sj.EmpiricalRestitution(
+    "--law eq-17 --set sigma=0.3 psi=0.5414": sj.EmpiricalRestitution(
         pair("nylon").limit_velocity, 0.3, 0.5414
     ),
 }
@@ -123,13 +120,13 @@ def test_a_file_may_fix_the_restitution_at_first_yield(at):
     text = f"{BODIES}[material.parameters]\nchi = 2.0\neps_up = 0.9\n"
     (at / "a.toml").write_text(text, encoding="utf-8")
     grid = ["--points", 3, "--format", "csv"]
-    curve("a.toml", *grid, error="`--psi` must be given with --eps-up (0.5, say")
-    curve("a.toml", "--psi", 0.5, *grid, "--to", 1)
+    curve("a.toml", *grid, error="`--law` must be given with --set psi=… (0.5, say")
+    curve("a.toml", "--set", "psi=0.5", *grid, "--to", 1)
     whole = column(at, 1)
-    curve("a.toml", "--psi", 0.5, "--eps-up", 0.9, *grid, "--to", 1)
+    curve("a.toml", "--set", "psi=0.5", "--eps-up", 0.9, *grid, "--to", 1)
     np.testing.assert_array_equal(column(at, 1), whole)
-    curve("a.toml", "--psi", 0.5, "--sigma", 1, "--eps-up", 0.9, error="left out with --sigma")
-    curve("a.toml", "--psi", 0.5, "--eps-up", 1, error="between 0 and 1, but is 1")
+    curve("a.toml", "--set", "psi=0.5", "sigma=1", "--eps-up", 0.9, error="left out with sigma")
+    curve("a.toml", "--set", "psi=0.5", "--eps-up", 1, error="between 0 and 1, but is 1")
 
 
 def test_the_route_acts_in_curves_and_tables(at):
@@ -338,7 +335,7 @@ def test_a_fit_of_two_sizes_is_refused_with_a_law_for_one_size(at):
     (at / "m.csv").write_text("diameter [mm],velocity,restitution\n10,1,0.9\n20,1,0.8\n")
     rows = '[[material]]\nmaterial = "nylon"\ndata = "m.csv"\n'
     (at / "m.toml").write_text(rows, encoding="utf-8")
-    error = curve("m.toml", "--chi", "0.2", error="'m' has bodies of several sizes")
+    error = curve("m.toml", "--set", "chi=0.2", error="'m' has bodies of several sizes")
     assert error.startswith("m.toml:1: ")
 
 
@@ -346,10 +343,10 @@ ALLOY = pair("nylon")
 # options, the law, and velocities [m/s]: the lowest and the highest, or each
 TABLES = {
     "a step at yield": ("", fitted("nylon"), [0.1, 60]),
-    "an end of ε": ("--sigma 3 --chi 0.22 --psi 0.54", sj.Zhou(ALLOY, 0.22, 3.0, 0.54), [0.1, 300]),
-    "a larger χ̃": ("--chi 6 --sigma 0.4 --psi 0.54", sj.Zhou(ALLOY, 6.0, 0.4, 0.54), [0.5, 300]),
+    "an end of ε": ("--set sigma=3 chi=0.22 psi=0.54", sj.Zhou(ALLOY, 0.22, 3.0, 0.54), [0.1, 300]),
+    "a larger χ̃": ("--set chi=6 sigma=0.4 psi=0.54", sj.Zhou(ALLOY, 6.0, 0.4, 0.54), [0.5, 300]),
     "from rest to the limit velocity": (
-        "--law eq-17 --sigma 0.4 --psi 0.54",
+        "--law eq-17 --set sigma=0.4 psi=0.54",
         sj.EmpiricalRestitution(ALLOY.limit_velocity, 0.4, 0.54),
         [0, 400],
     ),
@@ -359,7 +356,7 @@ for seed in (4, 6):  # a step, or the end of ε, lies anywhere between two of th
     random = np.random.default_rng(seed)
     velocity = np.unique([0.1, 300.0, *random.uniform(0.1, 300, 10)])
     chi, sigma = random.uniform(0.1, 3), random.uniform(0.3, 3)
-    words = f"--chi {chi} --sigma {sigma} --psi 0.54"
+    words = f"--set chi={chi} sigma={sigma} psi=0.54"
     TABLES[f"own {seed}"] = (words, sj.Zhou(ALLOY, chi, sigma, 0.54), velocity)
 
 

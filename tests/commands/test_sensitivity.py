@@ -151,7 +151,7 @@ def test_what_a_global_study_does_not_vary_or_counts_as_zero_is_written(at, caps
     stated = ("--samples", "4096", "--scale", "uniform", "--seed", "0")
     assert saved("foam.toml", *law, *few[:2], *stated) == found
     assert "poisson_ratio" in found["global"]["inputs"]
-    law = ("nylon", "--law", "eq-17", "--sigma", "0.4", "--psi", "0.5")
+    law = ("nylon", "--law", "eq-17", "--set", "sigma=0.4", "psi=0.5")
     options = ("--study", "global", "--samples", "64", "--range", "limit_velocity=321:329")
     found = saved(*law, *options, "--at", "100", "325")["global"]
     assert found["zeros"] == [0.0, pytest.approx(0.5, abs=0.02)]
@@ -204,7 +204,7 @@ def test_a_plan_repeats_warnings_and_bounds_of_its_fit_and_names_the_way_out(at,
     error = capsys.readouterr().err
     assert "but is 0.1" in error  # the lowest velocity, which is outside
     assert "0.8352 m/s or more, where this fit knows the law" in error
-    assert "`softjax sensitivity FILE.toml --chi … --sigma … --psi … --study design" in error
+    assert "`softjax sensitivity FILE.toml --set chi=… sigma=… psi=… --study design" in error
     assert "inf" not in error
 
 

@@ -16,7 +16,7 @@ from tests.command import BODIES, run
 from tests.export.laws import compiled, compiler_says, needs_compiler
 
 STEEL = ("stainless-steel", "--range", "0.1:5", "--quiet")
-NYLON = ("--chi", "0.2", "--sigma", "0.4", "--psi", "0.5")
+NYLON = ("--set", "chi=0.2", "sigma=0.4", "psi=0.5")
 
 
 def export(*options) -> None:

@@ -423,7 +423,7 @@ def test_names_of_materials_lie_over_no_material(result, tmp_path):
     """Nylon and chrome steel are neighbours on the line."""
     result.save(tmp_path / "fit.json")
     (tmp_path / "next.toml").write_text(TOML, encoding="utf-8")
-    words = ["--line", tmp_path / "fit.json", "--eps-up", 0.98, "--psi", 0.5, "--points", 5]
+    words = ["--line", tmp_path / "fit.json", "--eps-up", 0.98, "--set", "psi=0.5", "--points", 5]
     with drawn() as figures:
         assert run("curve", tmp_path / "next.toml", *words, "--out", tmp_path)[0] == 0
     (ax,) = figures["line.png"].axes
@@ -470,7 +470,7 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     band = result.unloading_line.band(contact_of(1.5e9), rows[:, 0])
     np.testing.assert_allclose(rows[:, 1:4].T, [band.coefficient, band.low, band.high], rtol=1e-12)
     for more, message in (
-        (["--chi", "1"], "`--chi` must be left out with --line"),
+        (["--set", "chi=1"], "`--set` must be with --line one: sigma, psi, but is chi"),
         (["--eps-up", "2"], "`--eps-up` must be between 0 and 1"),
     ):
         assert cli.main([*words, *more]) == 2
