@@ -28,9 +28,6 @@ from calibration.particle_codes.entry import export as export
 from calibration.particle_codes.report import Export as Export
 from calibration.studies.compare import Comparison as Comparison
 from calibration.studies.compare import compare as compare
-from calibration.studies.coverage import Coverage as Coverage
-from calibration.studies.coverage import CoverageCase as CoverageCase
-from calibration.studies.coverage import coverage_study as coverage_study
 from calibration.studies.designs import optimal_velocities as optimal_velocities
 from calibration.studies.inputs import Inputs as Inputs
 from calibration.studies.inputs import of_law as of_law

@@ -18,6 +18,7 @@ import calibration as cal
 import softjax as sj
 from calibration.observables import predicted
 from tests.cases import curve
+from tests.coverage.runner import Case, study
 from tests.decay import Decay
 from tests.fit.test_hard_fits import yielding_apart
 from tests.fit_data import TRUTH, pair, y_values
@@ -171,7 +172,7 @@ def bronze(options=PROFILED, **settings):
     return case("zhou", {"chi": 5.6, "eps_up": 0.93}, drops, options=options, **settings)
 
 
-# of `CoverageCase`
+# of `Case`
 CASES = {
     "zhou above yield": {"truth": ZHOU, "velocity": ABOVE, "values": BY_UP},
     "thornton, stated": {"truth": THORNTON, "velocity": ABOVE, "stated": True},
@@ -210,9 +211,8 @@ CASES = {
 QUICKLY = {"zhou above yield": 25, "velocities of 10 %, zhou": 20, "extra scatter": 40}
 
 
-def study(name, sets):
-    case = cal.CoverageCase(name, **{"options": QUICK} | CASES[name])
-    return cal.coverage_study([case], sets, 7)[0]
+def studied(name, sets):
+    return study(Case(**{"options": QUICK} | CASES[name]), sets)
 
 
 def runs():
@@ -229,71 +229,46 @@ def test_intervals_hold_the_truth_as_often_as_they_say(name, sets):
 
     Standard errors are no smaller than the scatter, and no larger where tables print them.
     """
-    found = study(name, sets)
-    assert found.converged >= 0.95
+    converged, every = studied(name, sets)
+    assert converged >= 0.95
     low, high = stats.binom.interval(0.999, sets, 0.95)
-    counted = [label for label, share in found.without_interval.items() if share <= 0.1]
+    counted = [label for label, found in every.items() if np.mean(found.is_open) <= 0.1]
     assert counted
     for label in counted:
-        assert low <= found.covered[label] * sets <= high, label
-        assert found.ratio[label] >= 1 - 3.3 / np.sqrt(2 * sets), label
-        if found.without_error[label] <= 0.5:
-            assert found.ratio[label] <= 1 + 3.3 / np.sqrt(2 * sets), label
+        found = every[label]
+        assert low <= found.covered * sets <= high, label
+        assert found.ratio >= 1 - 3.3 / np.sqrt(2 * sets), label
+        if found.without_error <= 0.5:
+            assert found.ratio <= 1 + 3.3 / np.sqrt(2 * sets), label
         if name.startswith("velocities"):
-            assert abs(found.bias[label]) < 0.2 + 3.3 / np.sqrt(sets) * (sets < 100), label
+            assert abs(found.bias) < 0.2 + 3.3 / np.sqrt(sets) * (sets < 100), label
 
 
-def test_what_simulated_sets_say_is_what_they_are_made_of():
-    """Shares of 4 sets counted again from their estimates and errors."""
-    found = study("thornton, stated", 4)
-    (truth,) = found.truth.values()
-    assert truth == pytest.approx(1.6, rel=1e-6)
-    x, error, low, high = (
-        part["yield_factor"] for part in (found.estimates, found.errors, found.low, found.high)
-    )
-    first = study("thornton, stated", 1).estimates["yield_factor"]
-    np.testing.assert_allclose(first, x[:1], rtol=1e-6)
-    assert found.covered["yield_factor"] == np.mean((low <= 1.6) & (high >= 1.6))
-    np.testing.assert_allclose(np.log(high / x), stats.norm.ppf(0.975) * error / x, rtol=1e-6)
-    assert found.spread["yield_factor"] == pytest.approx(np.std(x))
-    assert found.ratio["yield_factor"] == pytest.approx(np.mean(error**2) ** 0.5 / np.std(x))
-    printed = repr(found)  # the shares, and no arrays
-    assert f"covered={found.covered}" in printed
-    assert "array" not in printed
-    none = {"yield_factor": 0.0}
-    assert (found.converged, found.without_interval, found.without_error) == (1.0, none, none)
-    skewed = study("bronze drops, stated", 2)  # no ± where an end is an eighth of the width from it
-    x, error, low, high = (
-        part["chi"] for part in (skewed.estimates, skewed.errors, skewed.low, skewed.high)
-    )
-    away = np.abs([x - low, high - x] - stats.norm.ppf(0.975) * error).max(0)
-    assert skewed.without_error["chi"] == np.mean(away > (high - low) / 8) == 1
-    assert skewed.without_interval["chi"] == 0
-    joined = cal.CoverageCase(
-        "joined",
-        Decay(0.93, 0.03),
-        np.linspace(1, 8, 8),
-        parameters={"level": cal.Parameter(0.9), "rate": cal.Parameter(0.03, shared=True)},
-        options=QUICK,
-    )
-    (found,) = cal.coverage_study([joined], 2, 7)  # each set is a study of its own
-    assert np.ptp(found.estimates["rate"]) > 0.1 * found.errors["rate"][0]
-    truth = sj.EmpiricalRestitution(30.0, 0.9, 0.5)
-    assert cal.CoverageCase("Eq. (17)", truth, [1.0, 2.0]).data().limit_velocity == 30
-    damped = sj.ViscoelasticHertz(pair("nylon"), 2e-6)  # no energy balance
-    of_damped = cal.CoverageCase("damped", damped, np.linspace(0.5, 4, 8))
-    assert of_damped.fit(of_damped.data(np.random.default_rng(0)), profiles=False).converged
+def test_an_interval_is_the_error_times_the_quantile_and_a_skewed_one_prints_none():
+    """Of ln θ for a positive parameter; no ± where an end is an eighth of the width from it."""
+    converged, every = studied("thornton, stated", 4)
+    found = every["yield_factor"]
+    assert converged == 1
+    assert found.truth == pytest.approx(1.6, rel=1e-6)
+    reach = stats.norm.ppf(0.975) * found.error / found.value
+    np.testing.assert_allclose(np.log(found.high / found.value), reach, rtol=1e-6)
+    assert not np.any(found.is_open) | np.any(np.isnan(found.printed))
+    skewed = studied("bronze drops, stated", 2)[1]["chi"]
+    sides = np.abs([skewed.value - skewed.low, skewed.high - skewed.value])
+    away = np.abs(sides - stats.norm.ppf(0.975) * skewed.error).max(0)
+    assert skewed.without_error == np.mean(away > (skewed.high - skewed.low) / 8) == 1
+    assert not np.any(skewed.is_open)
 
 
 if __name__ == "__main__":
     sj.enable_x64()
     for name in (name for name in CASES if sys.argv[2] in name):
-        found = study(name, int(sys.argv[1]))
-        print(f"{name}: {sys.argv[1]} sets, {100 * found.converged:.4g} % converged")
-        for label in found.truth:
-            summary = f"{100 * found.covered[label]:.1f} %, ratio {found.ratio[label]:.3f}"
+        converged, every = studied(name, int(sys.argv[1]))
+        print(f"{name}: {sys.argv[1]} sets, {100 * converged:.4g} % converged")
+        for label, found in every.items():
+            summary = f"{100 * found.covered:.1f} %, ratio {found.ratio:.3f}"
             summary += (
-                f", bias {found.bias[label]:+.3f}, open {100 * found.without_interval[label]:.3g} %"
-                f", no error {100 * found.without_error[label]:.3g} %"
+                f", bias {found.bias:+.3f}, open {100 * np.mean(found.is_open):.3g} %"
+                f", no error {100 * found.without_error:.3g} %"
             )
             print(f"    {label}: {summary}", flush=True)

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 import calibration as cal
 import softjax as sj
 from tests import fit_oracle
+from tests.coverage.runner import Case
 from tests.coverage.test_coverage import CASES
 from tests.fit_data import ON_STEEL, pair, twin
 from tests.fit_oracle import own_model
@@ -21,7 +22,7 @@ from tests.shown.capture import as_recorded
 def test_a_loss_that_went_to_nothing_while_scatters_were_large_comes_back():
     """With E free the first scatters let σ go to 0 and ε_up to 1, where χ̃ is off by ten errors."""
     case = CASES["sensors, zhou, contact times and dents"]
-    data = cal.CoverageCase("x", **case).data(np.random.default_rng((7, 0, 21)))
+    data = Case(**case).data(np.random.default_rng((7, 0, 21)))
     free = {"contact.youngs_modulus": cal.Parameter()}
     result = cal.fit(data, None, free, profiles=False, starts=8)
     assert [warning.code for warning in result.warnings] == ["sigma-psi-not-separate"]

@@ -71,7 +71,6 @@ def two_step():
 # whole numbers, and the least of each
 LEAST = {
     "bootstrap": (lambda **k: quick().bootstrap(**{"count": 1} | k), {"count": 1, "seed": 0}),
-    "coverage": (lambda **k: cal.coverage_study([], **k), {"sets": 1, "seed": 0}),
     "design": (design, {"count": 1, "starts": 1, "seed": 0}),
     "posterior": (lambda **k: quick().posterior(**k), {"draws": 4, "chains": 1, "seed": 0, "warmup": 50}),
     "sobol": (sobol, {"samples": 2, "resamples": 1, "seed": 0}),
