@@ -79,13 +79,11 @@ def route_named(name: str, **settings: Any) -> Any:
 
 
 def _check_dof(dof: Any) -> Any:
-    """ν of Student's t: a number, also as the text of one, or "estimate"."""
-    if dof == "estimate":
-        return dof
+    """ν of Student's t: a number, also as the text of one."""
     with suppress(TypeError, ValueError):
         if not isinstance(dof, bool) and DOF[0] <= float(dof) <= DOF[1]:
             return float(dof)
-    raise DataError("noise_dof", dof, f'{DOF[2]}, or "estimate"')
+    raise DataError("noise_dof", dof, DOF[2])
 
 
 def _names(names: Iterable[str]) -> WithJsonSchema:
@@ -93,9 +91,7 @@ def _names(names: Iterable[str]) -> WithJsonSchema:
 
 
 Law = Annotated[Any, BeforeValidator(checked_law), _names(LAWS)]
-Dof = Annotated[
-    Any, BeforeValidator(_check_dof), WithJsonSchema({"accepted": f'{DOF[2]}, or "estimate"'})
-]
+Dof = Annotated[float, BeforeValidator(_check_dof), WithJsonSchema({"accepted": DOF[2]})]
 Objective = Literal["model", "two-step"] | None
 Route = Annotated[
     Any,
@@ -125,17 +121,15 @@ class FitOptions(Strict):
     rtol: float | None = Field(
         default=None, ge=1e-14, le=0.1, description="relative tolerance of the time integration"
     )
-    optimiser: Literal["l-bfgs", "adam", "levenberg-marquardt"] = Field(
-        default="l-bfgs", description="search; adam is followed by l-bfgs"
+    optimiser: Literal["l-bfgs", "levenberg-marquardt"] = Field(
+        default="l-bfgs", description="search"
     )
     noise: Literal["normal", "student-t"] = Field(
         default="normal",
         description="distribution of independent errors; under student-t outliers lose their pull, "
         "and a stated uncertainty is its scale, not its standard deviation",
     )
-    noise_dof: Dof = Field(
-        default=4.0, description='degrees of freedom of student-t, in [2, 30], or "estimate"'
-    )
+    noise_dof: Dof = Field(default=4.0, description="degrees of freedom of student-t, in [2, 30]")
     form: Literal["first-order", "full"] | None = Field(
         default=None, description="form of Zhou's law (default: first-order)"
     )

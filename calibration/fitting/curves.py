@@ -19,18 +19,14 @@ from calibration.data.checks import require
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.errors import Errors
-from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.material import Band, MaterialFit
-from calibration.fitting.problem import Element, Points, Problem, Residuals, block_name
+from calibration.fitting.problem import Element, Points, Problem, block_name
 from calibration.fitting.request import WIDE
 from calibration.fitting.uncertainty import freedom_of, quantile
-from calibration.fitting.variances import estimated
 from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
 
-MODULUS_STEP = 1e-4  # of E, in the difference that gives ∂ ln t/∂ ln E
-LEAST_SLOPE = 1e-3  # of ln t in ln E, below which contact times do not depend on E
 STEP = 1e-4  # of a velocity, in the differences that give dε/dv
 SLOWEST = 1e-6  # of the highest velocity: nothing is dropped from no height
 LEAST_REBOUND = 1e-3  # of ε, of a bounce that is planned
@@ -211,56 +207,6 @@ def of_impact(material: MaterialFit, impact: int) -> MaterialFit:
     limit = None if data.limit_velocity is None else float(pick(data.limit_velocity))
     data = replace(data, contact=contact, limit_velocity=limit, bodies=())
     return replace(material, data=data, values={k: pick(v) for k, v in material.values.items()})
-
-
-class ModulusByTimes(NamedTuple):
-    """Estimate of E from contact times: the deviation from the stated E, its relative error, and the dof of that."""
-
-    off: float
-    error: float
-    degrees: float
-
-
-def modulus_by_times(material: MaterialFit) -> ModulusByTimes | None:
-    """ln of E by the contact times alone, less that of the stated one, everything else as fitted.
-
-    With s = ∂ ln t/∂ ln E, r = ln(t/predicted) and their V, sᵀV⁻¹r/sᵀV⁻¹s; what is unknown of V is estimated
-    with it. None where E is free, or was not stated, or contact times do not depend on it.
-    """
-    contact, observed = material.data.contact, material.observed.get("contact_time")
-    if contact is None or observed is None or OF_CONTACT + "youngs_modulus" in material.labels:
-        return None
-    block = next(block for block in material.data.observed if block.name == "contact_time")
-
-    def times(factor: float = 1.0, pace: float = 1.0) -> np.ndarray:
-        moved = replace(contact, youngs_modulus=np.asarray(contact.youngs_modulus) * factor)
-        law = replace(material, data=replace(material.data, contact=moved)).law
-        with jax.enable_x64(True):
-            hit = sj.restitution(law, pace * material.data.velocity)
-            return np.log(np.asarray(hit.duration)[block.rows])
-
-    ends = (1 - MODULUS_STEP, 1 + MODULUS_STEP)
-    slope, by_pace = (
-        np.diff([times(**{of: end}) for end in ends], axis=0)[0] / (2 * MODULUS_STEP)
-        for of in ("factor", "pace")
-    )
-    errors, off = Errors.of(material.data, observed=block), np.log(block.value) - times()
-    unknown = tuple(kind for kind in ("scale", "scatter", "group") if kind in observed.variances)
-    errors, none = replace(errors, unknown=unknown), np.zeros((1, 1, 1))
-    count = len(off) if errors.group is None else len(np.unique(errors.group))
-    if np.max(np.abs(slope)) < LEAST_SLOPE or (unknown and count < 2):
-        return None
-    free = np.ones((1, 1), bool)
-    flat, by_velocity = 0 * off[None], (by_pace / errors.velocity)[None]
-    at = Residuals(off[None], slope[None, :, None], by_velocity, flat, none, none[0], free)
-    s = {kind: float(v[0]) for kind, v in estimated(errors, at).items()} if unknown else {}
-    factor = errors.factor(s, by_velocity[0], flat[0])
-    total, first = slope @ errors.solve(factor, np.stack([slope, off], axis=1))
-    if not 0 < total < np.inf:
-        return None
-    return ModulusByTimes(
-        float(first / total), float(total**-0.5), count - 1 if unknown else np.inf
-    )
 
 
 def yield_velocity(law: sj.ContactLaw) -> float | None:

@@ -86,10 +86,9 @@ class Errors:
     points: PointErrors  # how what was measured enters ε and v
     # the group of each point, None where no offset of groups is unknown
     group: Int[np.ndarray, " n"] | None
-    # variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²;
-    # and numbers of the family of noise
+    # variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²
     unknown: tuple[str, ...]
-    noise: Normal  # the family, with the numbers that are stated of it
+    noise: Normal  # the family
     # degrees of freedom behind stated uncertainties, None where they are known
     degrees: float | None
     velocity: np.ndarray  # the measured velocities, and up to where a node may lie [m/s]
@@ -125,7 +124,6 @@ class Errors:
             "scatter": not stated or options.extra_scatter,
             "group": has_groups,
         }
-        noise, numbers = family_of(options)
         limit = np.asarray(np.inf if data.limit_velocity is None else data.limit_velocity)
         limit = limit[rows] if limit.ndim else limit
         velocity = data.velocity[rows]
@@ -133,8 +131,8 @@ class Errors:
         errors = cls(
             points,
             group if has_groups else None,
-            (*(kind for kind, is_unknown in is_estimated.items() if is_unknown), *numbers),
-            noise,
+            tuple(kind for kind, is_unknown in is_estimated.items() if is_unknown),
+            family_of(options),
             None if degrees is None else float(np.mean(degrees)),
             velocity,
             limit,
@@ -164,7 +162,7 @@ class Errors:
     def is_plain(self) -> bool:
         """Whether one scatter of single points is all that there is."""
         nothing = self.points.uncertainty is None and not self.has_slope
-        return nothing and set(self.unknown) <= {"scatter", *vars(self.noise)} and not self.shares
+        return nothing and set(self.unknown) <= {"scatter"} and not self.shares
 
     @property
     def shares(self) -> bool:
@@ -346,7 +344,7 @@ class Errors:
         """
         if not self.shares:
             variance = self.variance(s, slope, bend)
-            return self.noise.at(s).log_density(off, variance, xp) - self.log_unit
+            return self.noise.log_density(off, variance, xp) - self.log_unit
         factor = self.factor(s, slope, bend, xp)
         precision = self.precisions(factor, xp)
         solved = self.solve(factor, off[..., None], xp)[..., 0]
@@ -360,7 +358,7 @@ class Errors:
         """Errors of ε, (count, n)."""
         normal = random.standard_normal((count, len(self)))
         drawn = self.colour(self.factor(s, carried.slope, carried.bend), normal)
-        return self.noise.at(s).drawn(drawn, random)
+        return self.noise.drawn(drawn, random)
 
     def some(self, rows: np.ndarray) -> "Errors":
         """Errors of some of the points, which share nothing with the others."""

@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float
 
 from softjax.batching import SOONEST, accepted
 
-ADAM_STEPS = 200
 TINY = 1e-150  # a column so short that its square underflows is none
 SEEN = 1e-10  # singular values, columns scaled to one, below which a direction is not seen
 SILENT = 1e-9  # a column of the Jacobian so small against the residuals acts on nothing
@@ -219,12 +218,3 @@ def _lbfgs_tools():
         return step, where(need, after, chosen)
 
     return jax.jit(jax.vmap(tool.init)), update
-
-
-@lru_cache
-def adam():
-    """optax's Adam with a cosine schedule: what starts it, and what steps."""
-    import optax
-
-    tool = optax.adam(optax.cosine_decay_schedule(0.1, ADAM_STEPS))
-    return tool.init, jax.jit(tool.update)

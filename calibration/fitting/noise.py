@@ -1,8 +1,8 @@
 """Families of noise: the density of one residual r of variance V, and all that sets one family apart.
 
 A further family is a class with the methods of `Normal`, smooth at r = 0, an entry of `FAMILIES` and the
-same word in `FitOptions.noise`. Its fields are numbers of its own, set by `FitOptions.noise_<field>`; one that
-can be estimated is an entry of `NUMBERS`, and the places that have `noise_dof` by name are to have it, too.
+same word in `FitOptions.noise`. Its fields are numbers of its own, set by `FitOptions.noise_<field>`; the
+places that have `noise_dof` by name are to have it, too.
 All but `Normal` are for independent errors. Prediction bands and `far_from_stated` take quantiles of t with its
 `dof`; `uncertainty` has errors of variances as of that many residuals.
 
@@ -10,17 +10,14 @@ Methods with `xp` work for NumPy and for jax.numpy; the others are for searches,
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.options import DOF, FitOptions
+from calibration.options import FitOptions
 
 LN_2PI = math.log(2 * math.pi)
-# numbers that can be estimated: lowest, highest, start; of a prior the median, and the spread of the logit
-NUMBERS = {"dof": (*DOF[:2], 4.0, 8.0, 1.5)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +28,6 @@ class Normal:
     dof: ClassVar[Any] = math.inf  # degrees of freedom of t whose quantiles residuals have
     information: ClassVar[Any] = 1.0  # Fisher's, of one residual, times V
     words: ClassVar[Any] = "normal errors"
-
-    def at(self, s: Mapping[str, Any]) -> "Normal":
-        """The family with those of its numbers that `s` has."""
-        return replace(self, **{name: over(s[name]) for name in vars(self) if name in s})
 
     def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
         """ln p of residuals."""
@@ -70,7 +63,7 @@ class StudentT(Normal):
     Source: Lange, Little and Taylor, J. Am. Stat. Assoc. 84, 881 (1989).
 
     Attributes:
-        dof: ν, a number or one for each residual.
+        dof: ν.
     """
 
     name: ClassVar[Any] = "student-t"
@@ -114,12 +107,10 @@ class StudentT(Normal):
 FAMILIES: dict[str, Any] = {family.name: family for family in (Normal, StudentT)}
 
 
-def family_of(options: FitOptions) -> tuple[Normal, tuple[str, ...]]:
-    """The family that the options of a fit name, and which of its numbers are estimated."""
+def family_of(options: FitOptions) -> Normal:
+    """The family that the options of a fit name."""
     family = FAMILIES[options.noise]
-    stated = {f.name: getattr(options, f"noise_{f.name}") for f in fields(family)}
-    unknown = tuple(name for name, value in stated.items() if value == "estimate")
-    return family(**stated | {name: NUMBERS[name][2] for name in unknown}), unknown
+    return family(**{f.name: getattr(options, f"noise_{f.name}") for f in fields(family)})
 
 
 def over(value: Any) -> Any:

@@ -422,7 +422,7 @@ class Problem:
         blocks = self.spans if self.errors else ()
         for errors, s, span in zip(self.errors, variances, blocks, strict=True):
             slope, bend, n, r = (a[:, span] for a in (curve.slope, curve.bend, copies, off))
-            factor, family = errors.factor(s, slope, bend), errors.noise.at(s)
+            factor, family = errors.factor(s, slope, bend), errors.noise
             both = np.concatenate([r[..., None], per.mean[:, span]], axis=2)
             both = errors.whiten(factor, both)
             white, of_white = both[..., 0], both[..., 1:]

@@ -287,7 +287,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
             with np.errstate(divide="ignore"):
                 degrees = np.where(spread > 0, 2 * total**2 / spread, np.inf)
-        families.append((errors.noise.at(s), span, degrees))
+        families.append((errors.noise, span, degrees))
     raw = _slopes(fit, linear)
     rows, others = raw[:, : problem.count], raw[:, problem.count :]
     there = rows * (kept * variance**-0.5)[..., None]
@@ -377,7 +377,7 @@ def _continued(fit: ComponentFit, fold: Int[np.ndarray, " n"]):
                 degrees = max(float(fit.uncertainty.left[g]) - 1.0, 1.0)
                 total = float(measured[span] @ left)
                 scale = np.maximum(total - left**2 / precision, 1e-3 * total) / degrees
-            family = errors.noise.at(s)
+            family = errors.noise
             density[span] = family.log_predictive(off[span], scale / precision, degrees)
             continue
         for number in np.unique(fold[span]):

@@ -17,14 +17,12 @@ from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.collisions import TINY_SQUARED
 from calibration.fitting.methods import (
-    ADAM_STEPS,
     TINY,
     Condensed,
     Fits,
     Lbfgs,
     Marquardt,
     Numbers,
-    adam,
     condense,
 )
 from calibration.fitting.problem import Lanes, Linear, Problem, acts_on_nothing
@@ -46,7 +44,6 @@ STUCK = "no lower cost found"
 NO_NUMBERS = "residuals are not finite"
 OPTIMISERS = {
     "l-bfgs": "optax L-BFGS",
-    "adam": "optax Adam, then L-BFGS",
     "levenberg-marquardt": "Levenberg–Marquardt",
 }
 
@@ -340,8 +337,6 @@ def search(
     """
     z = np.array(np.atleast_2d(z), float)
     lanes = lanes or Lanes()
-    if optimiser == "adam":
-        z = _by_adam(problem, z, lanes)
     begun_at = np.nan if begun is None else begun
     state = _Search(problem, z, begun_at, fixed, lanes, limit, releases, enough)
     if len(problem.active):
@@ -383,21 +378,3 @@ def guided_search(
     for part, new in zip(guided, lowest, strict=True):
         part[some] = new
     return guided
-
-
-def _by_adam(problem: Problem, z, lanes: Lanes) -> np.ndarray:
-    """The best that Adam meets, in units of each element's own size."""
-    x = z[:, problem.active]
-    plain = problem.transform.kind[problem.active] == NONE
-    unit = np.where(plain, np.abs(x) + 1e-3, 1.0)
-    begin, update = adam()
-    state = begin(x)
-    best, lowest = np.array(z), np.full(len(z), np.inf)
-    for _ in range(ADAM_STEPS):
-        linear = problem.linearise(z, lanes)
-        better = linear.cost < lowest
-        best[better], lowest[better] = z[better], linear.cost[better]
-        change, state = update(unit * linear.gradient, state)
-        z = np.array(z)
-        z[:, problem.active] += unit * np.asarray(change)
-    return best

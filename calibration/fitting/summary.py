@@ -144,7 +144,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
     off, factor = linear.prediction[0][span] - problem.points.value[span], errors.factor(s, *at)
     solved = errors.solve(factor, off[None, :, None])[0, :, 0]
-    reduced, family = None, errors.noise.at(s)
+    reduced, family = None, errors.noise
     stated = errors.is_stated or errors.unknown == ("scale",)
     if errors.points.uncertainty is not None and left >= 1 and stated and errors.is_normal:
         reduced = float(off @ solved) * float(s.get("scale", 1.0)) / left

@@ -24,7 +24,7 @@ from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
 from calibration.fitting.errors import CALLED, Carried, Errors
-from calibration.fitting.noise import LN_2PI, NUMBERS
+from calibration.fitting.noise import LN_2PI
 from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
 from calibration.fitting.request import (
     Component,
@@ -50,7 +50,7 @@ class NamedErrors:
     block: Block  # where its points stand in that
     errors: Errors
     set: int  # the data set, of all of them
-    labels: Mapping[str, str]  # names of the square root of each unknown variance, and of ν
+    labels: Mapping[str, str]  # names of the square root of each unknown variance
 
     @property
     def data(self) -> RestitutionData:
@@ -73,8 +73,7 @@ class NamedErrors:
         variances = {}
         for kind, label in self.labels.items():
             if label in theta:
-                value = jnp.asarray(theta[label])
-                variances[kind] = value if kind in NUMBERS else value**2
+                variances[kind] = jnp.asarray(theta[label]) ** 2
             elif self.errors.is_plain and self.errors.is_normal:
                 variances[kind] = jnp.mean(off**2)
             else:
@@ -114,8 +113,7 @@ class Traceable:
         start: where a search would begin, by name.
         noises: names of what is not stated of the errors: "noise", the standard deviation of ε;
             "group", that of the groups' offsets in ε; "timing" [s], that of times of bounces;
-            "scale", the factor on stated uncertainties; "dof", ν of Student's t. "noise[name]" where
-            there are several sets; "contact_time_noise" and so on, relative, of other observables. Plain
+            "scale", the factor on stated uncertainties. "noise[name]" where there are several sets; "contact_time_noise" and so on, relative, of other observables. Plain
             normal noise that θ does not have is profiled: put where the likelihood is largest.
         sets: the errors of each data set and observable, in their order.
         components: parameters and laws.
@@ -179,7 +177,7 @@ class Traceable:
         for (block, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
             s = block.variances(theta, off)
             factor = block.errors.factor(s, carried.slope, carried.bend, jnp)
-            heavy = block.errors.noise.at(s).from_normal(some, jnp)
+            heavy = block.errors.noise.from_normal(some, jnp)
             parts.append(carried.mean + block.errors.colour(factor, heavy, jnp))
         return jnp.concatenate(parts)
 
@@ -265,7 +263,7 @@ def problem(
     extra_scatter: bool = False,
     scale_uncertainty: bool = False,
     noise: str = "normal",
-    noise_dof: float | str = 4.0,
+    noise_dof: float = 4.0,
 ) -> Traceable:
     """A law against data as JAX-traceable functions: residuals, likelihood, prior.
 

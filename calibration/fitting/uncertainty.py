@@ -302,7 +302,7 @@ def _estimates(errors: Errors, s, residuals: Residuals, left: float):
         if errors.degrees is None:
             return [], np.zeros((0, 0))
         return ["repeats"], np.array([[2 / errors.degrees]])
-    kinds = [kind for kind in errors.unknown if kind not in vars(errors.noise)]
+    kinds = list(errors.unknown)
     if not errors.is_normal:  # of Student's t: as if from that many residuals
         return kinds[:1], np.full((len(kinds[:1]),) * 2, 2 / left)
     return kinds, relative_covariance(errors, s, residuals)[0]

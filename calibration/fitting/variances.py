@@ -27,7 +27,6 @@ from scipy import special
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate
-from calibration.fitting.noise import NUMBERS
 from calibration.fitting.problem import Lanes, Pool, Problem, Residuals
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
@@ -73,7 +72,7 @@ def criterion(errors: Errors, s: Mapping[str, Any], residuals: Residuals, restri
     factor = errors.factor(s, residuals.slope, residuals.bend)
     columns = np.concatenate([residuals.jacobian, residuals.off[..., None]], axis=2)
     white = errors.whiten(factor, columns * residuals.counted[..., None])
-    off, shares = white[..., -1], np.sqrt(errors.noise.at(s).information)
+    off, shares = white[..., -1], np.sqrt(errors.noise.information)
     jacobian = white[..., :-1] * np.asarray(shares)[..., None]
     information = residuals.information + np.swapaxes(jacobian, 1, 2) @ jacobian
     # in units that s does not move: a direction that does not show is a constant, and costs no point
@@ -150,9 +149,7 @@ class _Search:
         self.errors, self.residuals, self.restricted = errors, residuals, restricted
         self.square = residuals.square
         self.unit = np.stack([self._unit(kind) for kind in errors.unknown], axis=1)
-        self.is_number = np.array([kind in NUMBERS for kind in errors.unknown])
-        ranges = [NUMBERS.get(kind, (LEAST, MOST, 1.0))[:3] for kind in errors.unknown]
-        self.lower, self.upper, self.first = np.log(ranges).T
+        self.lower, self.upper = np.log([LEAST, MOST])
 
     def some(self, fits: np.ndarray) -> "_Search":
         """The same of some of the fits."""
@@ -163,8 +160,6 @@ class _Search:
 
     def _unit(self, kind: str) -> np.ndarray:
         """Variance that makes ε as uncertain as the residuals are."""
-        if kind in NUMBERS:
-            return np.ones(len(self.square))
         if kind in ("scatter", "group"):
             return self.square
         unit = self.errors.variance({kind: 1.0}, self.residuals.slope, self.residuals.bend)
@@ -177,15 +172,15 @@ class _Search:
     def variances(self, y: np.ndarray) -> Estimated:
         """0 where it is none; but something has to be left."""
         variances = self.as_variances(y)
-        none = (np.exp(y) <= NONE) & ~self.is_number
-        bare = {kind: value * (kind in NUMBERS) for kind, value in variances.items()}
+        none = np.exp(y) <= NONE
+        bare = dict.fromkeys(variances, 0.0)
         with np.errstate(invalid="ignore"):
             rest = (
                 self.errors.variance(bare, self.residuals.slope, self.residuals.bend)
                 + 0 * self.residuals.off
             )
         # offsets alone leave no error between the points of a group
-        apart = ~self.is_number & (np.array(self.errors.unknown) != "group")
+        apart = np.array(self.errors.unknown) != "group"
         indefinite = np.all(none | ~apart, axis=1)
         indefinite &= ~(np.min(rest, axis=1) > NONE * self.square)
         none[indefinite, 0] = False
@@ -195,15 +190,13 @@ class _Search:
     def place(self, s: Any, most: float = np.inf) -> np.ndarray:
         every = [np.broadcast_to(s[kind], len(self.square)) for kind in self.errors.unknown]
         logs = np.log(np.maximum(np.stack(every, axis=1) / self.unit, 1e-300))
-        upper = np.where(self.is_number, self.upper, np.minimum(self.upper, most))
-        return np.clip(logs, self.lower, upper)
+        return np.clip(logs, self.lower, min(self.upper, most))
 
     def starts(self) -> list[np.ndarray]:
         """Equal shares, and most in each of the variances."""
         k = len(self.unit[0])
         shares = [np.full(k, 0.5 / k), *(np.where(np.arange(k) == j, 0.9, 0.05) for j in range(k))]
-        logs = [np.where(self.is_number, self.first, np.log(x)) for x in shares[: k + (k > 1)]]
-        return [np.repeat(log[None], len(self.unit), axis=0) for log in logs]
+        return [np.repeat(np.log(x)[None], len(self.unit), 0) for x in shares[: k + (k > 1)]]
 
     def value(self, y: np.ndarray) -> np.ndarray:
         result = criterion(self.errors, self.as_variances(y), self.residuals, self.restricted)
@@ -273,7 +266,6 @@ def first_variances(problem: Problem, z: np.ndarray) -> Problem:
             "group": square,
             "scale": 1.0,
             "timing": square / max(of_second, 1e-300),
-            **vars(errors.noise),
         }
         starts.append({kind: guess[kind] for kind in errors.unknown})
     problem = replace(problem, variances=tuple(starts))

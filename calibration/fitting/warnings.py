@@ -61,10 +61,6 @@ ADVICE = {
         "Eq. (17) does not hold over the whole curve, or the law does not: look at both curves; "
         "`model` is the law's own likelihood."
     ),
-    "modulus": (
-        "Check Young's modulus of the bodies and the unit of the times; name youngs_modulus free, or give it "
-        "a prior."
-    ),
     "velocity-errors": (
         "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
     ),

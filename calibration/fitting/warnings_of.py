@@ -16,7 +16,6 @@ from scipy import special
 
 import softjax as sj
 from calibration.data import plausibility
-from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate, Goodness, MaterialFit
 from calibration.fitting.noise import Normal
@@ -40,7 +39,6 @@ LINE_ROUNDS = 50  # of a straight line and the weights of its points in turn
 FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
 NO_RESIDUAL = 1e-12  # of ε
 MOST_OFF = 0.5  # rms of an observable other than ε, in parts of its values
-MODULUS_OFF = 0.95  # confidence that the modulus of the contact times is off
 MOVED = 1e-2  # in z, from which on values are others to a reader
 STATIONS = 32
 # Share of the cost that the next step may still promise where the gradient counts as vanished. A
@@ -247,16 +245,6 @@ def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, 
         if goodness.rms > MOST_OFF:  # an estimated scatter takes a wrong unit or size as it is
             cause = f"{words}: the law misses the values by {100 * goodness.rms:.3g} % (rms)"
             found.append(FitWarning("plausibility", cause, part.name, OF_UNITS))
-    modulus = modulus_by_times(part)
-    if (
-        modulus is not None
-        and abs(modulus.off) > quantile(MODULUS_OFF, modulus.degrees) * modulus.error
-    ):
-        times = (
-            f"the contact times are those of {np.exp(modulus.off):.3g} times the stated modulus E"
-        )
-        cause = f"{times}, which they determine to {100 * modulus.error:.2g} %"
-        found.append(FitWarning("modulus", cause, part.name))
     return found
 
 

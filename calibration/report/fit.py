@@ -50,7 +50,6 @@ CONFIDENCE = (
 QUALITY = {  # columns of the goodness of fit
     "dof": "degrees of freedom of the residuals",
     "scatter": "estimated standard deviation of one ε, of Student's t its scale (under `two-step` about Eq. (17))",
-    "ν": "estimated degrees of freedom of Student's t of the noise, from 2 to 30 (nearly normal)",
     "between groups": "estimated standard deviation of the groups' offsets in ε",
     "of times [ms]": "estimated standard deviation of the times of bounces",
     "χ²/dof": "squared residuals over the stated variances, per degree of freedom",

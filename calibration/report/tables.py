@@ -7,10 +7,8 @@ import numpy as np
 import pandas as pd
 
 from calibration import symbols
-from calibration.fitting.curves import modulus_by_times
 from calibration.fitting.material import Estimate
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.options import DOF
 from calibration.report.layout import Block, Item
 from calibration.rounding import ABSENT, interval, number, with_error
 
@@ -155,16 +153,14 @@ def fitted_texts(fit: Any, level: float | None = None) -> list[str]:
 def quality_table(result: Any) -> pd.DataFrame:
     """Goodness of fit of each data set, and its estimated scatter; without columns of no number."""
     rows, line = [], result.unloading_line
-    with_dof = result.settings.get("noise_dof") == "estimate"
     for fit in result.materials:
-        chi_squared, dof = fit.reduced_chi_squared, fit.noise_dof if with_dof else None
+        chi_squared = fit.reduced_chi_squared
         numbers = {
             "dof": (fit.residual_degrees, max(4, len(f"{fit.residual_degrees:.0f}"))),
             "rms": (_size(fit.rms), 4),
             "rms of Eq. (17)": (_size(fit.rms_empirical), 3),
             "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),
             "scatter": (_size(fit.noise), 3),
-            "ν": (dof, 3),
             "between groups": (fit.group_deviation, 3),
             "of times [ms]": (fit.timing and 1e3 * fit.timing, 3),
             "χ²/dof": (chi_squared, 3),
@@ -174,8 +170,6 @@ def quality_table(result: Any) -> pd.DataFrame:
         row = {"material": fit.name, "law": fit.model.label, "points": str(len(fit.standardised))}
         row |= {name: number(*value_and_digits) for name, value_and_digits in numbers.items()}
         row |= {"P": "< 1e-300"} if fit.probability == 0 else {}
-        if dof is not None and np.isclose(dof, DOF[:2], rtol=1e-3).any():
-            row["ν"] += " (at its bound)"
         rows.append(row | {"converged": "yes" if fit.converged else "NO"})
     table = pd.DataFrame(rows)
     empty = [name for name in table if (table[name] == ABSENT).all()]
@@ -206,13 +200,6 @@ def observables_blocks(result: Any) -> list[Block]:
             rows.append(row | {"χ²/dof": "" if chi_squared is None else number(chi_squared, 3)})
             remarks.append(f"{what.symbol}: {what.words}")
     remarks = sorted({*remarks})
-    for fit in result.materials:
-        if (modulus := modulus_by_times(fit)) is not None:
-            remarks.append(
-                f"{fit.name}: the contact times alone would give "
-                f"{with_error(factor := np.exp(modulus.off), factor * modulus.error)} times the stated "
-                "E; free youngs_modulus, or give it a prior"
-            )
     return [Block("table", pd.DataFrame(rows)), Block("list", remarks)] if rows else []
 
 

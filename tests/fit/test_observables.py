@@ -1,7 +1,5 @@
 """What else than ε a collision shows (`calibration.observables`): rows of one likelihood, against SciPy."""
 
-import re
-
 import jax
 import numpy as np
 import pytest
@@ -221,8 +219,8 @@ def test_every_observable_and_its_slope_are_in_closed_form():
 SPEEDS = np.geomspace(0.1, 2.0, 24)
 
 
-def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
-    """E stays as stated: off by 10 % it is warned of; and the pictures draw a curve for each size."""
+def test_observables_of_two_sizes_are_drawn_a_curve_each(tmp_path):
+    """E as stated, 10 % too high: the times alone miss by a few of their errors, and the report has both curves."""
     random = np.random.default_rng(1)
     radius = np.repeat([0.004, 0.012], 12)
     v = np.tile(np.geomspace(0.2, 2.0, 12), 2)
@@ -230,67 +228,19 @@ def test_what_contact_times_say_of_the_modulus_is_told(tmp_path):
     hit = sj.restitution(sj.ViscoelasticHertz(contact, 2e-6), v)
     times = np.asarray(hit.duration) * (1 + 0.02 * random.standard_normal(24))
     eps = np.asarray(hit.coefficient) + 0.003 * random.standard_normal(24)
-    options = {"contact_time": times, "contact_time_uncertainty": 0.02 * times}
-    # t ∝ v^-1/5 takes a fifth of the error of v, E 2.5 times both
-    for factor, u_v, off in ((1.0, 0.0, ""), (1.1, 0.1, "1.4 %"), (1.1, 0.0, "1 %")):
-        stated = sj.Contact(
-            **{**contact.leaves(), "youngs_modulus": factor * contact.youngs_modulus}
-        )
-        data = cal.RestitutionData(v, eps, stated, 0.003, velocity_uncertainty=u_v * v, **options)
-        result = cal.fit(data, "viscoelastic", profiles=False, starts=4)
-        (found,) = [w.cause for w in result.warnings if w.code == "modulus"] or [""]
-        assert found.rpartition("which they determine to ")[2] == off
-    assert 0.9 < float(found.split("those of ")[1].split()[0]) < 0.92  # 1/1.1, ± 1 %
+    stated = sj.Contact(**{**contact.leaves(), "youngs_modulus": 1.1 * contact.youngs_modulus})
+    of_times = {"contact_time": times, "contact_time_uncertainty": 0.02 * times}
+    data = cal.RestitutionData(v, eps, stated, 0.003, **of_times)
+    result = cal.fit(data, "viscoelastic", profiles=False, starts=4)
     assert "observables.png" in result.report(tmp_path)
     report = "\n\n".join(Tags((tmp_path / "report.html").read_text(encoding="utf-8")).paragraphs)
     as_recorded("times", {"observables.png": observables_figure(result), "report.html": report})
-    times = re.search(r"the contact times alone would give (.*) ± (.*) times the stated E", report)
-    factor, error = (float(number) for number in times.groups())
-    assert 0.9 < factor < 0.92
-    assert error == pytest.approx(0.01 * factor, rel=0.06)  # of two digits
     band = result.band(v[:12], impact=20)
     pair = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.012, 0.012)
     one = sj.Contact(**{**pair.leaves(), "youngs_modulus": 1.1 * pair.youngs_modulus})
     law = sj.ViscoelasticHertz(one, result.values["dissipation_time"])
     expected = sj.restitution(law, v[:12]).coefficient
     np.testing.assert_allclose(band.coefficient, expected, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("options", "factor"), [({}, 1.0), ({}, 1.5), ({"scale_uncertainty": True}, 1.5)]
-)
-def test_contact_times_of_few_specimens_say_less_of_the_modulus(options, factor):
-    """6 specimens of 10 impacts, whose times are off by 5 % as a whole: E to 2.5 times the error of their mean."""
-    random, v, specimen = np.random.default_rng(0), np.geomspace(0.2, 4, 60), np.arange(60) % 6
-    hit = sj.restitution(sj.ViscoelasticHertz(PAIR, 1e-7), v)
-    offsets, times = 0.05 * random.standard_normal(6), np.asarray(hit.duration)
-    times = times * np.exp(0.005 * random.standard_normal(60) + offsets[specimen])
-    eps = np.asarray(hit.coefficient) + 0.0003 * random.standard_normal(60)
-    stated = sj.Contact(**{**PAIR.leaves(), "youngs_modulus": factor * PAIR.youngs_modulus})
-    more = {"contact_time_uncertainty": 0.002 * times, "uncertainty": 0.0003} if options else {}
-    group = [f"s{k}" for k in specimen]
-    data = cal.RestitutionData(v, eps, stated, contact_time=times, group=group, **more)
-    result = cal.fit(data, "viscoelastic", **QUICK, **options)
-    causes = [one.cause for one in result.warnings if one.code == "modulus"]
-    assert len(causes) == (factor > 1)
-    if causes:
-        means = [np.mean(np.log(times / hit.duration)[specimen == k]) for k in range(6)]
-        error = 250 * np.std(means, ddof=1) / 6**0.5
-        ratio = float(causes[0].split("those of ")[1].split()[0])
-        assert ratio == pytest.approx(np.exp(-2.5 * np.mean(means)) / factor, rel=0.01)
-        assert causes[0].endswith(f"which they determine to {error:.2g} %")
-
-
-def test_two_contact_times_whose_scatter_is_unknown_determine_the_modulus():
-    v, times = np.geomspace(0.2, 4, 12), np.full(12, np.nan)
-    hit, off = sj.restitution(sj.ViscoelasticHertz(PAIR, 1e-7), v), np.array([0.001, -0.003])
-    times[:2] = np.asarray(hit.duration)[:2] * np.exp(off)
-    stated = sj.Contact(**{**PAIR.leaves(), "youngs_modulus": 1.5 * PAIR.youngs_modulus})
-    data = cal.RestitutionData(v, hit.coefficient, stated, contact_time=times)
-    result = cal.fit(data, "viscoelastic", **QUICK)
-    (cause,) = (one.cause for one in result.warnings if one.code == "modulus")
-    error = 250 * np.std(off, ddof=1) / 2**0.5
-    assert cause.endswith(f"which they determine to {error:.2g} %")
 
 
 def test_information_and_designs_count_what_sensors_show():

@@ -233,29 +233,6 @@ def test_another_sampler_samples_the_problem_as_the_reference_shows(sampler):
         assert np.std(found[name]) == pytest.approx(deviation, rel=0.3)
 
 
-def test_degrees_of_freedom_are_drawn_where_a_fit_estimates_them():
-    """Errors with tails of one degree of freedom: ν stays between 2 and 30; its prior is of its logit."""
-    errors = 0.005 * np.random.default_rng(0).standard_t(1, len(V))
-    data = cal.RestitutionData(V, 0.92 * np.exp(-0.09 * V) + errors)
-    options = {"noise": "student-t", "noise_dof": "estimate"}
-    fit = cal.fit(data, Decay, profiles=False, starts=1, **options)
-    assert fit.materials[0].noise_dof == pytest.approx(2.0)
-    assert re.search(r"ν +converged\n.*2 \(at its bound\)  yes", str(fit), re.DOTALL)
-    draws = fit.posterior(draws=60, chains=1, seed=3, warmup=100)
-    dof, noise = (values_of(draws, name) for name in ("dof", "noise"))
-    assert 2.0 < np.min(dof) < 2.3
-    assert np.max(dof) < 30
-    level, rate = (values_of(draws, name) for name in ("level", "rate"))
-    z = np.log((dof - 2) / (30 - dof))
-    expected = stats.norm.logpdf(z, np.log(6 / 22), 1.5)
-    expected += stats.halfnorm.logpdf(noise, 0, 0.1) + np.log(noise)
-    for name, value in (("level", level), ("rate", rate)):
-        (start,) = re.findall(r"median (\S+),", draws["posterior"][name].attrs["prior"])
-        expected += stats.norm.logpdf(np.log(value), np.log(float(start)), 2.0)
-    found = np.ravel(draws["sample_stats"]["log_prior"])
-    np.testing.assert_allclose(found - found[0], expected - expected[0], atol=1e-3)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["drops", "losses"])
 def test_the_ridge_of_drops_and_the_valley_of_losses_are_sampled(kind):
@@ -381,18 +358,16 @@ def test_pictures_of_many_parameters_are_no_wider_than_others_and_no_names_overl
         assert all(figure.bbox.contains(*end) for box in boxes for end in (box.p0, box.p1))
 
 
-@pytest.mark.parametrize("dof", [4, "estimate"])
-def test_one_more_measurement_has_the_tails_of_its_noise(dof):
+def test_one_more_measurement_has_the_tails_of_its_noise():
     """The middle half and 90 % of Student's t about a curve that draws hardly move."""
     errors = 0.02 * np.random.default_rng(0).standard_t(3, len(MEASURED))
     data = cal.RestitutionData(MEASURED, 0.92 * np.exp(-0.3 * MEASURED) + errors)
-    options = {"noise": "student-t", "noise_dof": dof}
-    fit = cal.fit(data, Decay, profiles=False, **options)
-    known = {"level": 0.92, "rate": 0.3, "noise": 0.05, "dof": 3.0}
-    draws = drawn(**{n: (x, 1e-9) for n, x in known.items() if n != "dof" or dof == "estimate"})
+    fit = cal.fit(data, Decay, profiles=False, noise="student-t", noise_dof=3)
+    known = {"level": 0.92, "rate": 0.3, "noise": 0.05}
+    draws = drawn(**{n: (x, 1e-9) for n, x in known.items()})
     for confidence in (0.5, 0.9):
         band = fit.band(VELOCITY, kind="prediction", confidence=confidence, draws=draws)
-        reach = 0.05 * stats.t.ppf(0.5 + confidence / 2, 4 if dof == 4 else 3)
+        reach = 0.05 * stats.t.ppf(0.5 + confidence / 2, 3)
         assert np.mean(band.high - band.low) / 2 == pytest.approx(reach, rel=0.1)
 
 

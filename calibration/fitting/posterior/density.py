@@ -10,7 +10,6 @@ Priors where none was stated:
     the whole line       N(start, (10 max(|start|, 1))²)
     noise, group         half-normal of 0.1 in ε; timing: of as much time as makes 0.1 in ε
     scale                ln κ^½ ~ N(0, 1)
-    ν of Student's t     between 2 and 30, as a fit estimates it: logit of the share of that ~ N, median 8
     pooled               ln θ_g ~ N(ln θ, τ²), θ as above; its spread τ half-normal of 0.5
 
 A start is the `Parameter`'s value, or what the library guesses for its laws.
@@ -38,7 +37,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from calibration.fitting.laws import OF_CONTACT
-from calibration.fitting.noise import NUMBERS
 from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
 from calibration.parameters import FROM_ABOVE, LOG, LOGIT, NONE, Transform
@@ -258,9 +256,7 @@ def density_of(problem: Traceable) -> Density:
     ]
     text = f"half-normal, {number(SPREAD)}"
     spreads = [Prior(pool.spread_name, text, False, 0.0, SPREAD) for pool in problem.pools]
-    kinds = [kind for errors in problem.sets for kind in errors.labels]
-    ranges = [e.range for e in every] + [NUMBERS.get(kind, POSITIVE)[:2] for kind in kinds]
-    ranges += [POSITIVE] * len(spreads)
+    ranges = [e.range for e in every] + [POSITIVE] * (len(noises) + len(spreads))
     transform = Transform.of(ranges, [None] * len(ranges))  # bounded where the range is
     of_law = [_of_element(e, int(k)) for e, k in zip(every, transform.kind, strict=False)]
     pools = []
@@ -301,13 +297,6 @@ def _log_normal(median: float, *ends: float) -> str:
 
 
 def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
-    if kind in NUMBERS:
-        low, high, _, median, spread = NUMBERS[kind]
-        centre = math.log((median - low) / (high - median))
-        ends = [low + (high - low) / (1 + math.exp(-centre - z)) for z in (-spread, spread)]
-        within = f"from {number(low)} to {number(high)}, median {number(median)}"
-        text = f"logit-normal {within}, with 68 % from {number(ends[0], 2)} to {number(ends[1], 2)}"
-        return Prior(label, text, True, centre, spread)
     if kind == "scale":
         return Prior(label, _log_normal(1.0, *(math.exp(z) for z in (-1, 1))), True, 0.0, 1.0)
     size, unit = NOISE / per_unit, " s" if kind == "timing" else ""

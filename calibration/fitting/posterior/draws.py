@@ -336,9 +336,7 @@ def band_of_draws(
                 elif name == "timing" and material.timing:
                     part = part * (drawn(name, material.timing) / material.timing) ** 2
                 variance = variance + part
-            numbers = {name: drawn(name, value) for name, value in vars(material.family).items()}
-            normal = random.standard_normal(curves.shape)
-            noise = replace(material.family, **numbers).drawn(normal, random)
+            noise = material.family.drawn(random.standard_normal(curves.shape), random)
             curves = curves + np.sqrt(variance) * noise
         ends = np.quantile(curves, [0.5 - confidence / 2, 0.5 + confidence / 2], axis=0)
         return np.mean(curves, axis=0), *ends, np.std(curves, axis=0, ddof=1)
