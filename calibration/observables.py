@@ -3,7 +3,7 @@
 A data set is rows of (velocity, observable, value). ε is the one that every set may have; the others
 are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one
 likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, for what is
-predicted, and of `data.columns.OBSERVED` with two fields of `RestitutionData`, for what is measured. It follows
+predicted, and of `data.columns.OBSERVED_COLUMNS`, for what is measured. It follows
 from the force alone: one that depends on ε also concerns what `request._identified` searches, what `laws` starts
 from and takes for known, and in `collisions` and `traceable` the branch at yield and the sign of ε².
 

@@ -23,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.data.checks import Column, as_number, require
+from calibration.data.bodies import Body
+from calibration.data.checks import Column, as_number
 from calibration.data.units import quantity, unit_of
 from calibration.errors import DataError
 
@@ -74,7 +75,8 @@ class Fall:
         """Drop heights, in `unit`, of impacts at `velocity` [m/s]."""
         height = velocity * (velocity / (2 * self.gravity))
         if self.density is not None:
-            air = Air(self.diameter, self.mass, self.gravity, self.density)
+            ball = Body.sphere(self.diameter, self.mass)
+            air = Air(ball, self.gravity, self.density)
             height = getattr(air, which)(velocity)
         return height / float(unit_of(self.unit, "m"))
 
@@ -88,22 +90,20 @@ class Air:
     """A ball, and the air that it flies in.
 
     Attributes:
-        diameter, mass: of the ball [m, kg], numbers or one for each row.
+        ball: a sphere of known size and mass, one or one for each row.
         gravity: g [m/s²].
         density: ρ_a [kg/m³].
         drag: factor on C_d.
     """
 
-    diameter: Any
-    mass: Any
+    ball: Body
     gravity: float
     density: float = DENSITY
     drag: float = 1.0
 
     def take(self, rows) -> "Air":
         """That of some rows."""
-        ball = {name: getattr(self, name) for name in ("diameter", "mass")}
-        return replace(self, **{n: value[rows] for n, value in ball.items() if np.ndim(value)})
+        return replace(self, ball=self.ball.take(rows))
 
     def fall(self, height: Column) -> Column:
         """Speed at the end of a fall from `height` [m], (n,) [m/s]."""
@@ -146,7 +146,7 @@ class Air:
 
     def reynolds(self, speed: Column) -> Column:
         """Re at a speed."""
-        return self.density * speed * self.diameter / VISCOSITY
+        return self.density * speed * self.ball.diameter / VISCOSITY
 
     def remarks(self, velocity: Column, restitution: Column, before: Any) -> tuple[str, ...]:
         """Sentences about the largest correction of v and ε; `before`: the values without air."""
@@ -167,7 +167,7 @@ class Air:
     @property
     def lightness(self) -> Any:
         """ρ_a/ρ."""
-        return self.density * np.pi / 6 * self.diameter**3 / self.mass
+        return self.density * np.pi / 6 * self.ball.diameter**3 / self.ball.mass
 
     @property
     def _pull(self) -> Any:
@@ -177,8 +177,8 @@ class Air:
     def _terminal(self, fastest: Column) -> Column:
         """v_t of a flight by its largest speed."""
         drag = self.drag * mean_drag_coefficient(np.maximum(self.reynolds(fastest), 1e-12))
-        area = np.pi / 4 * self.diameter**2
-        weight = self.mass * self.gravity * (1 - self.lightness)
+        area = np.pi / 4 * self.ball.diameter**2
+        weight = self.ball.mass * self.gravity * (1 - self.lightness)
         return np.sqrt(2 * weight / (self.density * drag * area))
 
     def _settled(self, x: Column, formula: Any) -> Column:
@@ -216,16 +216,3 @@ def checked_air(air: Any) -> float | None:
         return as_number("air", value, lambda rho: 1e-4 <= rho <= 20, ACCEPTED)
     except DataError:
         raise DataError("air", f'"{air}"' if isinstance(air, str) else air, ACCEPTED) from None
-
-
-def ball_of(diameter: Any, mass: Any, density: Any) -> tuple[Any, Any] | None:
-    """Diameter [m] and mass [kg] of a ball, by its mass or density; None where they do not suffice."""
-    stated = {"diameter": diameter, "mass": mass, "density": density}
-    for name, value in stated.items():
-        if value is not None:
-            require(name, np.atleast_1d(value), lambda x: x > 0, "a positive number")
-    if diameter is None or (mass is None and density is None):
-        return None
-    if mass is None:
-        mass = np.pi / 6 * np.asarray(diameter) ** 3 * density
-    return diameter, mass

@@ -1,81 +1,163 @@
-"""Columns of a table: how headings are read, and what the columns mean together.
+"""Columns of a table: their names, units and spellings, and how a heading is read.
 
-A heading is a name and a unit: `velocity [m/s]`, `v (cm/s)`, `t / ms`, `drop height, mm`, `h_mm`.
-Accepted together are
-
-    impact_velocity, rebound_velocity   ε = v_out/v_in
-    drop_height, rebound_height         v = √(2 g h₁), ε = √(h₂/h₁)
-    velocity, restitution
-    interval                            v = g tₙ/2, ε = tₙ₊₁/tₙ of bounces that follow each other
-    time                                of the bounces themselves: the intervals between them
-    velocity, or drop_height            with one or more of contact_time, peak_force, peak_overlap
-                                        (penetration) and dent_diameter, without a restitution
-
-where several are complete the first of these. With each: `uncertainty` (of ε),
-`velocity_uncertainty`, `<column>_uncertainty` of what is measured (`height_uncertainty`: of both
-heights, `timing_uncertainty`: of intervals or times), `group` (also `specimen`): rows with a
-common error, and `launch`: rows of one bounce sequence, which are a group too; contact_time and so on,
-empty where not measured; `diameter`, `radius` or `mass` of the sphere where it changes.
+A heading is a name and a unit: `velocity [m/s]`, `v (cm/s)`, `t / ms`, `drop height, mm`, `h_mm`. Which
+columns make a set together is in `calibration.data.kinds`, and how those of a table are chosen in
+`calibration.data.layout`. A further column is an entry of `QUANTITIES`; messages, material files and the reference
+are made of it.
 """
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from difflib import get_close_matches
-from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from calibration.data.units import PERCENT, is_unit, unit_of
-from calibration.errors import DataError, listed
+from calibration.data.units import is_unit
+from calibration.errors import DataError
 
-MEASURED = {
-    "velocity": "m/s",
-    "restitution": "1",
-    "impact_velocity": "m/s",
-    "rebound_velocity": "m/s",
-    "drop_height": "m",
-    "rebound_height": "m",
-    "interval": "s",
-    "time": "s",
-}
-OBSERVED = {"contact_time": "s", "peak_force": "N", "peak_overlap": "m", "dent_diameter": "m"}
-SIZES = {"diameter": "m", "radius": "m", "mass": "kg"}  # of the sphere that flies, row by row
-LABELS = ("launch", "group")
+
+class Quantity(NamedTuple):
+    """One column of the format.
+
+    Attributes:
+        name: in the format.
+        unit: of SI, "1" of a ratio, "" of a label.
+        meaning: in words.
+        spellings: other names, separated by blanks.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    spellings: str = ""
+
+
+MEASURED_COLUMNS = (
+    Quantity("velocity", "m/s", "impact velocity v", "v speed"),
+    Quantity(
+        "restitution",
+        "1",
+        "coefficient of restitution ε",
+        "e ε eps epsilon cor e_n restitution_coefficient coefficient_of_restitution "
+        "coeff_of_restitution coef_of_restitution normal_restitution",
+    ),
+    Quantity(
+        "impact_velocity",
+        "m/s",
+        "velocity before the impact",
+        "impact_speed v_impact v_imp v_in vin v_i vi v_inc v_0 v0 v_before "
+        "v_initial incident_velocity incident_speed incoming_velocity incoming_speed velocity_in "
+        "velocity_before initial_velocity approach_velocity collision_velocity",
+    ),
+    Quantity(
+        "rebound_velocity",
+        "m/s",
+        "velocity after the impact",
+        "rebound_speed v_rebound v_reb v_out vout v_r vr v_f vf v_after v_final v' "
+        "outgoing_velocity outgoing_speed velocity_out velocity_after final_velocity "
+        "separation_velocity",
+    ),
+    Quantity(
+        "drop_height",
+        "m",
+        "height of the drop",
+        "h_drop h_0 h0 h_i hi h_initial initial_height release_height fall_height "
+        "falling_height height_before",
+    ),
+    Quantity(
+        "rebound_height",
+        "m",
+        "height of the rebound",
+        "h_rebound h_reb h_bounce h_f hf h_r hr h_final h' h_1 h1 h_2 "
+        "h2 bounce_height final_height height_after",
+    ),
+    Quantity(
+        "interval",
+        "s",
+        "time from one bounce to the next",
+        "dt δt delta_t flight_time time_of_flight tof time_interval bounce_interval "
+        "interval_time time_between_bounces",
+    ),
+    Quantity("time", "s", "time of a bounce", "bounce_time impact_time event_time time_of_bounce"),
+)
+# of a ball in flight, frame by frame; with a time they make a track
+TRACK_COLUMNS = (
+    Quantity("height", "m", "height of the ball"),
+    Quantity(
+        "position",
+        "m",
+        "position of the ball",
+        "pos x y z x_position y_position z_position "
+        "position_x position_y position_z vertical_position",
+    ),
+)
+# what else an impact shows; each is a row of `calibration.observables.OBSERVABLES` too
+OBSERVED_COLUMNS = (
+    Quantity(
+        "contact_time",
+        "s",
+        "duration of the contact",
+        "contact_duration collision_time collision_duration t_c tc t_contact",
+    ),
+    Quantity(
+        "peak_force",
+        "N",
+        "largest force",
+        "f_max fmax max_force maximum_force force_max impact_force",
+    ),
+    Quantity(
+        "peak_overlap",
+        "m",
+        "largest penetration",
+        "penetration max_penetration penetration_depth max_overlap δ_max delta_max",
+    ),
+    Quantity(
+        "dent_diameter", "m", "diameter of the dent", "crater_diameter imprint_diameter d_dent"
+    ),
+)
+# of the sphere that flies, row by row
+SIZE_COLUMNS = (
+    Quantity("diameter", "m", "diameter of the sphere"),
+    Quantity("radius", "m", "radius of the sphere"),
+    Quantity("mass", "kg", "mass of the sphere"),
+)
+LABEL_COLUMNS = (
+    Quantity("launch", "", "bounces that follow each other", "train"),
+    Quantity("group", "", "rows that share one unknown offset", "specimen"),
+)
+# standard uncertainties that are of no single column
+COMMON_UNCERTAINTIES = (
+    Quantity("uncertainty", "1", "standard uncertainty of ε"),
+    Quantity("height_uncertainty", "m", "standard uncertainty of both heights"),
+    Quantity("timing_uncertainty", "s", "standard uncertainty of intervals, or of times"),
+)
+
+
+def _of(*columns: Quantity) -> dict[str, str]:
+    return {column.name: column.unit for column in columns}
+
+
+# name: its unit in SI
+MEASURED, OBSERVED = _of(*MEASURED_COLUMNS), _of(*OBSERVED_COLUMNS)
+TRACKED = _of(*TRACK_COLUMNS)
+SIZES, LABELS = _of(*SIZE_COLUMNS), _of(*LABEL_COLUMNS)
 UNCERTAINTIES = {
     "uncertainty": "1",
-    **{f"{n}_uncertainty": d for n, d in MEASURED.items() if n != "restitution"},
-    "height_uncertainty": "m",  # of both heights
-    "timing_uncertainty": "s",  # of intervals, or of times
+    **{f"{n}_uncertainty": unit for n, unit in MEASURED.items() if n != "restitution"},
+    **_of(*COMMON_UNCERTAINTIES),
     **{f"{name}_uncertainty": unit for name, unit in OBSERVED.items()},
 }
-# name: its unit in SI
-SI_UNITS = {**MEASURED, **OBSERVED, **SIZES, **UNCERTAINTIES, **dict.fromkeys(LABELS, "")}
+SI_UNITS = {**MEASURED, **TRACKED, **OBSERVED, **SIZES, **UNCERTAINTIES, **LABELS}
+QUANTITIES = (
+    *MEASURED_COLUMNS,
+    *TRACK_COLUMNS,
+    *OBSERVED_COLUMNS,
+    *SIZE_COLUMNS,
+    *LABEL_COLUMNS,
+    *COMMON_UNCERTAINTIES,
+)
 
-SPELLINGS = {
-    "restitution": "e ε eps epsilon cor e_n restitution_coefficient coefficient_of_restitution "
-    "coeff_of_restitution coef_of_restitution normal_restitution",
-    "velocity": "v speed",
-    "impact_velocity": "impact_speed v_impact v_imp v_in vin v_i vi v_inc v_0 v0 v_before "
-    "v_initial incident_velocity incident_speed incoming_velocity incoming_speed velocity_in "
-    "velocity_before initial_velocity approach_velocity collision_velocity",
-    "rebound_velocity": "rebound_speed v_rebound v_reb v_out vout v_r vr v_f vf v_after v_final v' "
-    "outgoing_velocity outgoing_speed velocity_out velocity_after final_velocity "
-    "separation_velocity",
-    "drop_height": "h_drop h_0 h0 h_i hi h_initial initial_height release_height fall_height "
-    "falling_height height_before",
-    "rebound_height": "h_rebound h_reb h_bounce h_f hf h_r hr h_final h' h_1 h1 h_2 "
-    "h2 bounce_height final_height height_after",
-    "interval": "dt δt delta_t flight_time time_of_flight tof time_interval bounce_interval "
-    "interval_time time_between_bounces",
-    "time": "bounce_time impact_time event_time time_of_bounce",
-    "contact_time": "contact_duration collision_time collision_duration t_c tc t_contact",
-    "peak_force": "f_max fmax max_force maximum_force force_max impact_force",
-    "peak_overlap": "penetration max_penetration penetration_depth max_overlap δ_max delta_max",
-    "dent_diameter": "crater_diameter imprint_diameter d_dent",
-    "launch": "train",
-    "group": "specimen",
-}
-KNOWN = {word: name for name, words in SPELLINGS.items() for word in words.split()}
+KNOWN = {word: column.name for column in QUANTITIES for word in column.spellings.split()}
 KNOWN |= {name: name for name in SI_UNITS}
 # drop and rebound; next to a drop height either is the rebound
 FIRST, SECOND = {"h1", "h_1"}, {"h2", "h_2"}
@@ -92,57 +174,6 @@ ALONE = "unc error err stdev std sd ± standard_deviation standard_uncertainty s
 KNOWN |= dict.fromkeys(ALONE.split(), "uncertainty")
 NEAR = 0.82  # of difflib: velocty is near to velocity, interval_index is not to interval
 LONGEST = 200  # characters of a heading that may be a name
-MOST_NAMED = 10  # columns that a remark names
-NO_UNIT = "no unit in the header"  # how a remark begins
-
-
-class Kind(NamedTuple):
-    """Columns that make a set of data together."""
-
-    needs: tuple[str, ...]
-    what: str = ""  # input quantities, whose errors enter ε and v
-    uncertainties: tuple[str, ...] = ()  # of these; the last is of all of them
-
-    @property
-    def is_sequence(self) -> bool:
-        return self.what in ("intervals", "times")
-
-    @property
-    def is_flight(self) -> bool:
-        """Whether velocities are those of free flights."""
-        return self.is_sequence or self.what == "heights"
-
-    @property
-    def has_restitution(self) -> bool:
-        """Whether ε is measured."""
-        return self.is_sequence or len(self.needs) > 1
-
-
-VELOCITIES = ("impact_velocity", "rebound_velocity")
-HEIGHTS = ("drop_height", "rebound_height")
-
-
-def _uncertainties(*names: str) -> tuple[str, ...]:
-    return tuple(f"{name}_uncertainty" for name in names)
-
-
-KINDS = (
-    Kind(VELOCITIES, "velocities", _uncertainties(*VELOCITIES, "velocity")),
-    Kind(HEIGHTS, "heights", _uncertainties(*HEIGHTS, "height")),
-    Kind(("velocity", "restitution")),
-    Kind(("interval",), "intervals", _uncertainties("interval", "timing")),
-    Kind(("time",), "times", _uncertainties("time", "timing")),
-)
-# accepted where something else than ε was measured
-WITHOUT_RESTITUTION = (
-    Kind(("velocity",)),
-    Kind(HEIGHTS[:1], "heights", _uncertainties("drop_height", "height")),
-)
-ACCEPTED_SETS = (
-    "velocity with restitution, impact_velocity with rebound_velocity, drop_height with "
-    "rebound_height, interval (with launch), or time (with launch); or velocity, or drop_height, with "
-    "contact_time, peak_force, penetration or dent_diameter"
-)
 
 
 class Header(NamedTuple):
@@ -152,21 +183,6 @@ class Header(NamedTuple):
     name: str | None
     words: str
     unit: str | None
-
-
-class Layout(NamedTuple):
-    """The columns that are used: where each is, its unit as a factor and as written, what is in %.
-
-    `remarks` say how headings were read, `assumed` which units are missing.
-    """
-
-    kind: Kind
-    position: dict[str, int]
-    units: dict[str, Fraction]
-    written: dict[str, str | None]
-    relative: frozenset[str]
-    remarks: tuple[str, ...]
-    assumed: str = ""
 
 
 def read_header(text: str) -> Header:
@@ -212,90 +228,3 @@ def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
             unit = re.sub(r"^\((.*)\)$", r"\1", text[match.end() :].strip())
             if mark == "/" or unit not in ("1", "-"):  # e_1 is the first of several
                 yield text[: match.start()], unit, False
-
-
-def layout_of(headers: Sequence[str]) -> Layout:
-    """Layout of a table from its headings; raises DataError."""
-    read = _resolved([read_header(text) for text in headers])
-    names = {header.name for header in read if header.name is not None}
-    kind = _kind_of(names, read)
-    position: dict[str, int] = {}
-    for at, header in enumerate(read):
-        if header.name is None or not _is_used(header.name, kind, names):
-            continue
-        if header.name in position:
-            both = f"{read[position[header.name]].text!r} and {header.text!r}"
-            raise DataError("column", f"{header.name} twice, {both}", "there once")
-        position[header.name] = at
-    written = {name: read[at].unit for name, at in position.items()}
-    percent = {name for name, unit in written.items() if unit == "%" and "uncertainty" in name}
-    points = percent & ({"uncertainty"} if written.get("restitution") == "%" else set())
-    relative = frozenset(percent - points)
-    sizes = {n: PERCENT if n in relative else _size(n, unit) for n, unit in written.items()}
-    remarks = [
-        *_remarks(read, position),
-        *(f"{name} in % is relative to its quantity" for name in sorted(relative)),
-        *(f"{name} in % is in percentage points of ε" for name in points),
-    ]
-    without = [n for n in (*kind.needs, *OBSERVED, *SIZES) if written.get(n, "") is None]
-    assumed = [f"{name} in {SI_UNITS[name]}" for name in without if name != "restitution"]
-    note = f"{NO_UNIT}, assuming {listed(assumed)}" if assumed else ""
-    return Layout(kind, position, sizes, written, relative, tuple(remarks), note)
-
-
-def _resolved(read: Sequence[Header]) -> list[Header]:
-    """The headings with the names that they have next to each other."""
-    names, words = {header.name for header in read}, {header.words for header in read}
-    first_is_drop = "drop_height" not in names and SECOND & words
-
-    def name_of(header: Header) -> str | None:
-        if header.name is None or (first_is_drop and header.words in FIRST):
-            return header.name and "drop_height"
-        if "rebound_velocity" not in names:
-            return header.name.replace("impact_velocity", "velocity")
-        return "impact_velocity" if header.name == "velocity" else header.name
-
-    return [header._replace(name=name_of(header)) for header in read]
-
-
-def _kind_of(names: Iterable[str], read: Sequence[Header]) -> Kind:
-    for kind in (*KINDS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ())):
-        if {*kind.needs} <= {*names}:
-            return kind
-    others = [repr(header.text) for header in read if header.name is None]
-    unknown = f"not known: {listed(others[:MOST_NAMED])}" if others else ""
-    description = "; ".join(filter(None, [listed(sorted(names)), unknown])) or "empty"
-    raise DataError("set of columns", description, ACCEPTED_SETS)
-
-
-def _is_used(name: str, kind: Kind, names: Iterable[str]) -> bool:
-    """Whether a column acts in data of this kind, next to columns of these names."""
-    if name in LABELS:
-        return name == "group" or kind.is_sequence or "group" not in names
-    if name == "uncertainty":
-        return kind.has_restitution
-    if (observed := name.removesuffix("_uncertainty")) in OBSERVED:
-        return observed in names
-    return name in (*kind.needs, *SIZES, "velocity_uncertainty", *kind.uncertainties)
-
-
-def _size(name: str, unit: str | None) -> Fraction:
-    if unit is None:
-        return Fraction(1)
-    try:
-        return unit_of(unit, SI_UNITS[name])
-    except DataError as error:
-        accepted = error.accepted.replace("left out", "without a unit")
-        raise DataError(f"unit of {name}", error.value, accepted) from None
-
-
-def _remarks(read: Sequence[Header], used: Mapping[Any, int]) -> Iterator[str]:
-    """One line on headings with other names, one on columns that are not used."""
-    plain = ("velocity", "impact_velocity")
-    found = [h for h in read if h.name in used and h.words not in (h.name, *plain)]
-    left = [repr(h.text[:40]) for h in read if h.name not in used and h.text]
-    if found:
-        yield f"headings read as: {listed(f'{h.name} ({h.text!r})' for h in found)}"
-    if left:
-        more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
-        yield f"columns not used: {listed(left[:MOST_NAMED])}{more}"

@@ -17,7 +17,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -31,6 +31,7 @@ from pydantic import (
 
 import softjax as sj
 from calibration.data.air import checked_air
+from calibration.data.bodies import Body
 from calibration.data.columns import UNCERTAINTIES
 from calibration.data.measurements import LONGEST_NAME, RestitutionData
 from calibration.data.plausible import RANGES, of_bodies
@@ -164,9 +165,10 @@ class _Material(BodyTable):
 
     @property
     def is_ball(self) -> bool:
-        """Whether only the size and mass of a ball are stated."""
+        """Whether only the size and mass of a ball are stated, or its mass alone."""
         stated = BODIES & self.model_fields_set
-        return stated in [{a, b} for a in ("radius", "diameter") for b in ("mass", "density")]
+        pairs = [{a, b} for a in ("radius", "diameter") for b in ("mass", "density")]
+        return stated in [*pairs, {"mass"}]
 
     @property
     def radii(self) -> list[float]:
@@ -241,14 +243,6 @@ class MaterialTables(Strict):
         ]
 
 
-class Body(NamedTuple):
-    """One of the two; a wall has no radius."""
-
-    name: str  # "sphere", "second sphere", "wall"
-    material: sj.Material
-    radius: float | None
-
-
 class MaterialEntry:
     """One `[[material]]` as it is read.
 
@@ -283,6 +277,8 @@ class MaterialEntry:
             self.contact = replace(contact, limit_velocity=limit)
         try:
             self.data = None if table.data is None else self._data()
+            if table.in_rows and self.data is not None:
+                self.contact, self.bodies = self.data.contact, self.data.bodies
         except InputError as error:
             error.accepted += next(self._suspects(), "")
             raise
@@ -354,25 +350,23 @@ class MaterialEntry:
         ]
         if table.is_ball:
             options |= {
-                "diameter": 2 * table.radii[0],
+                "diameter": 2 * table.radii[0] if table.radii else None,
                 "mass": table.mass,
                 "density": table.density,
             }
         try:
             if table.in_rows:
-                data = read_csv(path, self._of_sizes, **options, density=table.solid.density)
-                data = replace(data, bodies=self.bodies)
+                options["bodies"] = lambda radius: self._pair(radius)[1]
+                density = table.solid.density
+                data = read_csv(
+                    path, lambda radius: self._pair(radius)[0], **options, density=density
+                )
             else:
                 data = read_csv(path, self.contact, **options, one_size=self.contact is not None)
             return data.averaged() if table.average_repeats else data
         except DataError as error:  # of what is stated here, not in the table
             key = error.argument if error.argument in options else "average_repeats"
             raise error.at(self.file.path, self.file.line((*self.place, key))) from None
-
-    def _of_sizes(self, radius: np.ndarray) -> sj.Contact:
-        """The contact of spheres of several sizes, each given in its row."""
-        self.contact, self.bodies = self._pair(radius)
-        return self.contact
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,11 @@
 """Measured restitutions of one pair of bodies, checked once on construction."""
 
+import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
-from functools import cached_property
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property, wraps
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from jaxtyping import Int
 
 import softjax as sj
 from calibration.data.air import CORRECTED, Fall
+from calibration.data.bodies import Body
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -21,9 +24,10 @@ from calibration.data.checks import (
     require,
     require_size,
 )
-from calibration.data.columns import NO_UNIT, OBSERVED, SIZES
+from calibration.data.columns import OBSERVED
+from calibration.data.layout import NO_UNIT
 from calibration.data.point_errors import PointErrors
-from calibration.data.points import observed_of, points_of, radius_of, read_rows, rows_blamed
+from calibration.data.points import Pair, observed_of, points_of, read_rows, rows_blamed
 from calibration.data.repeats import average
 from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.observables import Observed, scale_of
@@ -32,15 +36,15 @@ DENTS = {"largest": "dent_diameter", "residual": "residual_dent_diameter"}
 LARGEST = 1.5  # restitution: further above 1 no noise brings it
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
-NOT_COMPARED = {"bodies", "fall", "origin", "errors", "observed"}
+NOT_COMPARED = {"bodies", "fall", "origin", "errors", "observed", "measured"}
+BESIDE = tuple(name for observed in OBSERVED for name in (observed, f"{observed}_uncertainty"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RestitutionData:
     """n impacts: at which velocity, with which coefficient of restitution, how well known.
 
-    With ε, or in its place, what else an impact shows: contact time, largest force, largest overlap,
-    diameter of the dent; NaN where it was not measured.
+    With ε, or in its place, what else an impact shows, `contact_time=` and the others of `measured`.
 
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are stored as
     read-only float64 arrays. Two sets are equal when all that is below is but `bodies`,
@@ -64,14 +68,14 @@ class RestitutionData:
             have an error in common whose size is not known. None: no groups.
         errors: how the errors of what was measured enter ε and v, and what points share of them;
             made of the two uncertainties where left out.
-        bodies: the bodies of the contact (`calibration.data.materials.Body`) where a file has them;
+        bodies: the bodies of the contact (`calibration.data.bodies.Body`) where a file has them;
             for `plausibility`, and not compared.
         degrees: degrees of freedom behind `uncertainty`: a number where one scatter is behind all,
             (n,) where each point has its own; None where they are stated, or unknown.
-        contact_time, peak_force, peak_overlap, dent_diameter: [s, N, m, m], (n,), positive, or None.
-        contact_time_uncertainty, peak_force_uncertainty, peak_overlap_uncertainty,
-            dent_diameter_uncertainty: standard uncertainties of these, one number or (n,); None: a
-            relative scatter is estimated.
+        measured: observables other than ε by their names in `calibration.data.columns.OBSERVED`, in SI,
+            (n,), positive, NaN where one was not measured; with `<name>_uncertainty` its standard
+            uncertainty, without one a relative scatter is estimated. Each may be given as an argument
+            of its own name too, one number or (n,), and is an attribute: `data.contact_time`.
         dent: "largest": dents are as wide as the contact was at most, 2√(A δ_max), as indentations
             hardly recover in diameter; "residual": 2√(2R δ*), of the overlap that stays.
         fall: how drop heights became velocities; not compared.
@@ -95,14 +99,7 @@ class RestitutionData:
     errors: PointErrors = None  # type: ignore[assignment]  # filled in
     degrees: Any = None
     bodies: tuple[Any, ...] = ()
-    contact_time: Column | None = None
-    contact_time_uncertainty: Column | None = None
-    peak_force: Column | None = None
-    peak_force_uncertainty: Column | None = None
-    peak_overlap: Column | None = None
-    peak_overlap_uncertainty: Column | None = None
-    dent_diameter: Column | None = None
-    dent_diameter_uncertainty: Column | None = None
+    measured: Mapping[str, Column] = field(default_factory=dict)
     dent: str = "largest"
     fall: Fall | None = None
     origin: Origin | None = None
@@ -112,6 +109,12 @@ class RestitutionData:
             self._take_in()
         except DataError as error:
             raise _located(error, self.remarks, self.origin) from None
+
+    def __getattr__(self, name: str) -> Any:
+        """An observable or its uncertainty, None where it was not measured."""
+        if name in BESIDE:
+            return self.measured.get(name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @classmethod
     def from_table(
@@ -130,7 +133,7 @@ class RestitutionData:
         dent: str = "largest",
         one_size: bool = False,
         remarks: Sequence[str] = (),
-        bodies: Sequence[Any] = (),
+        bodies: Sequence[Body] | Callable[[Column], Sequence[Body]] = (),
         origin: Origin | None = None,
         **uncertainties: Any,
     ) -> "RestitutionData":
@@ -147,6 +150,7 @@ class RestitutionData:
             air: whether heights, intervals and times are those of flights in air: True (as where
                 left out: 1.2 kg/m³), False, or the density, as a number in kg/m³ or text. See
                 `calibration.data.air`.
+            bodies: as of `RestitutionData`, or a function that gives them of the radii in the rows.
             diameter, mass, density: of the ball that flies [m, kg, kg/m³], the density in place of
                 the mass; where left out, those of the first of `bodies`, else of a sphere that
                 meets a wall with the radius and mass of `contact`.
@@ -166,30 +170,29 @@ class RestitutionData:
         stated = {key: value for key, value in uncertainties.items() if value is not None}
         ball = _ball(diameter, mass, density, bodies, contact)
         try:
-            rows = read_rows(table, ball, stated, gravity, group, air, origin)
+            pair = Pair(ball, contact, bodies, one_size)
+            rows = read_rows(table, pair, stated, gravity, group, air, origin)
             remarks = (*remarks, *rows.remarks)
             points = points_of(rows)
-            more = observed_of(rows, points)
-            of_pair = _contact_of(contact, more, ball["density"], one_size)
+            measured = observed_of(rows, points)
         except DataError as error:
             if error.argument in {*stated, "gravity", "air"} and error.index is None:
                 raise  # stated of all rows, not in the table
             raise _located(error, remarks, origin) from None
+        of_points = rows.take(points.rows)
         with rows_blamed(points.rows):
             return cls(
                 points.velocity,
                 points.restitution,
-                of_pair,
+                of_points.contact,
                 name=name,
                 dent=dent,
-                **{key: column for key, column in more.items() if key not in SIZES},
+                measured=measured,
                 limit_velocity=limit_velocity,
                 remarks=tuple(dict.fromkeys((*remarks, *points.remarks))),
-                group=None
-                if (labels := rows.columns.get("group")) is None
-                else labels[points.rows],
+                group=of_points.columns.get("group"),
                 errors=points.errors,
-                bodies=tuple(bodies),
+                bodies=of_points.bodies,
                 fall=rows.fall,
                 origin=None if origin is None else origin.select(points.rows),
             )
@@ -236,9 +239,9 @@ class RestitutionData:
         """Measured observables other than ε, in the order of `calibration.observables`."""
         every_observed = []
         radius = None if self.contact is None else self.contact.radius
-        for name in OBSERVED:
-            values, uncertainty = getattr(self, name), getattr(self, f"{name}_uncertainty")
-            rows = np.flatnonzero([] if values is None else np.isfinite(values))
+        for name in (name for name in OBSERVED if name in self.measured):
+            values, uncertainty = self.measured[name], self.measured.get(f"{name}_uncertainty")
+            rows = np.flatnonzero(np.isfinite(values))
             if len(rows):
                 known = name if name != "dent_diameter" else DENTS[self.dent]
                 of_rows = None if uncertainty is None else uncertainty[rows]
@@ -294,10 +297,13 @@ class RestitutionData:
             return NotImplemented
         mine, theirs = (
             {name: value for name, value in vars(data).items() if name not in NOT_COMPARED}
+            | dict(data.measured)
             | vars(data.errors)
             for data in (self, other)
         )
-        return all(_same(value, theirs[name]) for name, value in mine.items())
+        return mine.keys() == theirs.keys() and all(
+            _same(value, theirs[name]) for name, value in mine.items()
+        )
 
     __hash__ = None  # type: ignore[assignment]  # arrays inside
 
@@ -326,9 +332,10 @@ class RestitutionData:
         self._set(velocity=as_numbers("velocity", self.velocity))
         if self.restitution is None:
             self._set(restitution=np.full(len(self), np.nan))
-        names = [name for n in OBSERVED for name in (n, f"{n}_uncertainty")]
-        for name in ("restitution", "uncertainty", "velocity_uncertainty", *names):
-            self._set(**{name: self._per_point(name)})
+        for name in ("restitution", "uncertainty", "velocity_uncertainty"):
+            self._set(**{name: self._per_point(name, getattr(self, name))})
+        given = {name: self._per_point(name, value) for name, value in self.measured.items()}
+        self._set(measured=MappingProxyType({n: x for n, x in given.items() if x is not None}))
         if self.group is not None:
             self._set(group=as_labels("group", self.group))
             check_lengths({"velocity": self.velocity, "group": self.group})
@@ -343,9 +350,8 @@ class RestitutionData:
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
 
-    def _per_point(self, name: str) -> Column | None:
+    def _per_point(self, name: str, value: Any) -> Column | None:
         """A field as (n,); a single number is that of all points."""
-        value = getattr(self, name)
         if value is None:
             return None
         if np.ndim(value) == 0:
@@ -368,17 +374,20 @@ class RestitutionData:
         """The observables other than ε, and which rows lack ε."""
         if self.dent not in DENTS:
             raise DataError("dent", self.dent, " or ".join(map(repr, DENTS)))
+        if unknown := self.measured.keys() - {*BESIDE}:
+            raise DataError("measured", min(unknown), f"of {listed(BESIDE)}")
         missing = np.isnan(self.restitution)
-        measured = [name for name in OBSERVED if getattr(self, name) is not None]
-        for name, unit in OBSERVED.items():
-            values, size = getattr(self, name), getattr(self, f"{name}_uncertainty")
-            if values is None and size is not None:
-                raise DataError(f"{name}_uncertainty", "given", f"left out without {name}")
-            present = ~np.isnan(values if name in measured else self.velocity * np.nan)
+        measured = [name for name in OBSERVED if name in self.measured]
+        for name, size in ((n, self.measured.get(f"{n}_uncertainty")) for n in OBSERVED):
+            if name not in self.measured:
+                if size is not None:
+                    raise DataError(f"{name}_uncertainty", "given", f"left out without {name}")
+                continue
+            present, unit = ~np.isnan(self.measured[name]), OBSERVED[name]
             missing = missing & ~present
-            for key, column in ((name, values), (f"{name}_uncertainty", size)):
-                if column is not None:
-                    require_size(key, np.where(present, column, 1.0), unit)
+            require_size(name, np.where(present, self.measured[name], 1.0), unit)
+            if size is not None:
+                require_size(f"{name}_uncertainty", np.where(present, size, 1.0), unit)
         if np.any(missing):
             accepted = f"a number, or measured by {listed(measured)}"
             accepted = accepted if measured else "a number of 0 or more"
@@ -476,30 +485,31 @@ def _same(value: Any, other: Any) -> bool:
     return np.array_equal(value, other, equal_nan=np.asarray(value).dtype.kind == "f")
 
 
-def _ball(diameter: Any, mass: Any, density: Any, bodies: Any, contact: Any) -> dict[str, Any]:
-    """The flying ball: as stated, or the first body, or the sphere of the contact; None if unknown."""
+def _ball(diameter: Any, mass: Any, density: Any, bodies: Any, contact: Any) -> Body:
+    """The sphere that flies: as stated, or the first body, or that of the contact, as far as it is known."""
     if (diameter, mass, density) == (None, None, None):
-        if bodies:
-            diameter = 2 * np.asarray(bodies[0].radius)
-            density = bodies[0].material.density
-        elif isinstance(contact, sj.Contact) and not np.ndim(contact.radius + contact.mass):
-            diameter, mass = 2 * np.asarray(contact.radius), np.asarray(contact.mass)
-    return {"diameter": diameter, "mass": mass, "density": density}
+        if bodies and not callable(bodies):
+            return bodies[0]
+        if isinstance(contact, sj.Contact) and not np.ndim(contact.radius + contact.mass):
+            return Body.sphere(2 * np.asarray(contact.radius), np.asarray(contact.mass))
+    return Body.sphere(diameter, mass, density)
 
 
-def _contact_of(contact: Any, columns: Any, density: Any, one_size: bool) -> sj.Contact | None:
-    """The contact of each point; its size is stated once, in the rows or with the bodies."""
-    sizes = [name for name in SIZES if name in columns]
-    if not callable(contact):
-        if sizes and (one_size or contact is not None):
-            accepted = (
-                "given once: as a column, or with the bodies (in Python `contact` is a function "
-            )
-            accepted += "of the radii where they are a column)"
-            raise DataError(sizes[0], "a column, and the bodies have one size", accepted)
-        return contact
-    radius = radius_of(columns, density)
-    if radius is None:
-        accepted = "stated with the bodies, or a column diameter, radius or mass (with the density)"
-        raise DataError("radius or diameter", "missing", accepted)
-    return contact(radius)
+def _with_observables(data: type) -> None:
+    """Let a set take observables as arguments of their own names."""
+    made = data.__init__  # type: ignore[misc]
+
+    @wraps(made)
+    def __init__(self: Any, *arguments: Any, **keywords: Any) -> None:
+        beside = {name: keywords.pop(name) for name in BESIDE if name in keywords}
+        measured = {**keywords.pop("measured", {}), **beside}
+        made(self, *arguments, measured=measured, **keywords)
+
+    signature = inspect.signature(made)
+    more = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=None) for n in BESIDE]
+    parameters = [*signature.parameters.values(), *more]
+    __init__.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    data.__init__ = __init__  # type: ignore[misc]
+
+
+_with_observables(RestitutionData)

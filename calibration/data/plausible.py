@@ -79,7 +79,7 @@ def of_bodies(bodies: Iterable[Any], contact: Any) -> Iterator[Implausible]:
 def _properties(bodies: Iterable[Any], contact: Any) -> Iterator[tuple[str, Range, Any]]:
     """Properties of each body, or of the two equal spheres (of ν = 0.3) that the contact could be."""
     bodies_and_values = [
-        (name, {"radius": radius, **quantity.leaves()}) for name, quantity, radius in bodies
+        (body.name, {"radius": body.radius, **body.material.leaves()}) for body in bodies
     ]
     if not bodies_and_values and contact is not None:
         leaves = {name: np.asarray(leaf, float) for name, leaf in contact.leaves().items()}

@@ -7,10 +7,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.data.checks import Column, require, require_size
+from calibration.data.kinds import TOUCHED, Kind, Slopes, kind_named
 
-TOUCHED = 3  # input errors that one point has at most: the times of three bounces
 Index = Int[np.ndarray, "n 3"]
-Slopes = Float[np.ndarray, "n 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +28,15 @@ class PointErrors:
         to_velocity: (n, 3), ∂v_i/∂e [m/s/unit of e].
         size: (m,), standard deviation of each input error, in its own SI unit; None where
             it is unknown, one and the same for all, and to be estimated.
-        kind: what the input errors are of: "velocities", "heights", "intervals", "times",
-            "repeats"; "" where there are none.
+        kind: what the input errors are of, by its name in `calibration.data.kinds.KINDS`; "" where
+            there are none.
         restitution_alone: (n,), independent standard uncertainty of each ε; None: not stated.
         velocity_alone: (n,) [m/s], the same of each v.
         by_drag: (n, 2), ∂ε_i/∂c and ∂v_i/∂c [m/s] of points from flights in air, where the drag
             coefficient is (1 + c) that of `calibration.data.air`, with one c for all; None without.
 
     Raises:
-        DataError: for an invalid uncertainty.
+        DataError: for an invalid uncertainty, or an unknown kind.
     """
 
     index: Index
@@ -50,6 +49,7 @@ class PointErrors:
     by_drag: Float[np.ndarray, "n 2"] | None = None
 
     def __post_init__(self):
+        kind_named(self.kind)
         for name, array in list(vars(self).items()):
             if isinstance(array, np.ndarray):
                 view = array.view()  # the caller's own stays as it is
@@ -83,6 +83,11 @@ class PointErrors:
 
     def __len__(self) -> int:
         return len(self.index)
+
+    @property
+    def measured_by(self) -> Kind:
+        """The kind of measurement that the input errors are of."""
+        return kind_named(self.kind)
 
     @property
     def size_is_unknown(self) -> bool:
@@ -129,12 +134,6 @@ class PointErrors:
     def sizes_at(self, unknown: float) -> Slopes:
         """Standard deviations of the input errors of each point, (n, 3), 0 where there is none."""
         return np.append(self.sizes(unknown), 0.0)[self.index]  # -1 is the last
-
-
-def three(*columns: Column) -> Slopes:
-    """Columns of n as (n, 3), zeros where there are fewer."""
-    none = np.zeros(len(columns[0]))
-    return np.stack([*columns, *[none] * (TOUCHED - len(columns))], axis=1)
 
 
 def paired(count: int) -> Index:

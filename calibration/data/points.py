@@ -1,16 +1,6 @@
 """The rows of a table as impacts: velocity, restitution, and the errors of what was measured.
 
-    two velocities    v = v_in,         ε = v_out/v_in
-    two heights       v = √(2 g h₁),    ε = √(h₂/h₁)
-    intervals         v = g tₙ/2,       ε = tₙ₊₁/tₙ
-    times             tₙ = Tₙ₊₁ - Tₙ in these: the point is that of the bounce at Tₙ₊₁
-
-in vacuum; in air a flight begins and ends with other velocities (`calibration.data.air`). Each is a
-speed a(x₁) of arrival and one of departure b(x₂), ε = b/a, with the sensitivity coefficients
-
-    ∂ε/∂x₁ = -ε a'/v,    ∂ε/∂x₂ = b'/v,    ∂v/∂x₁ = a'
-
-(GUM, 5.1.3). Rows of which something needed was not measured (NaN) are left out, with a remark; those of
+How readings become v and ε is in `calibration.data.kinds`. Rows of which something needed was not measured (NaN) are left out, with a remark; those of
 one launch, and group, are adjacent and leave no gap: their cells of `uncertainty` and
 `velocity_uncertainty` are read in the row of tₙ, or of Tₙ₊₁, alone.
 """
@@ -24,7 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from calibration.data.air import Air, Fall, ball_of, checked_air
+import softjax as sj
+from calibration.data.air import Air, Fall, checked_air
+from calibration.data.bodies import Body
 from calibration.data.checks import (
     Column,
     as_labels,
@@ -34,19 +26,10 @@ from calibration.data.checks import (
     codes_of,
     require,
 )
-from calibration.data.columns import (
-    HEIGHTS,
-    LABELS,
-    OBSERVED,
-    SI_UNITS,
-    SIZES,
-    UNCERTAINTIES,
-    VELOCITIES,
-    Kind,
-    Layout,
-    layout_of,
-)
-from calibration.data.point_errors import PointErrors, paired, three
+from calibration.data.columns import LABELS, OBSERVED, SI_UNITS, SIZES, UNCERTAINTIES
+from calibration.data.kinds import OF_HEIGHTS, Kind
+from calibration.data.layout import Layout, layout_of
+from calibration.data.point_errors import PointErrors, paired
 from calibration.data.units import in_si, parted, unit_of
 from calibration.errors import DataError, Origin, did_you_mean, listed
 
@@ -59,20 +42,25 @@ NOT_CORRECTED = (
     "(air = false says that no correction is needed)"
 )
 HIGHER = 1.3  # times the interval before: no noise
-# of two columns: their names, what is accepted, and their ratio beyond which they are exchanged or not in one unit
-PAIRS = {
-    "velocities": (VELOCITIES, "a positive speed in m/s", "a speed of 0 m/s or more", 1.25),
-    "heights": (HEIGHTS, "a positive height in m", "a height of 0 m or more", 1.25**2),
-}
 
 
 class Rows(NamedTuple):
-    """The rows of a table in SI, NaN where a cell is empty; `relative` are uncertainties in parts."""
+    """The rows of a table in SI, NaN where a cell is empty.
+
+    Attributes:
+        relative: uncertainties in parts of their quantity.
+        gravity: g [m/s²].
+        contact: that of the two bodies, of arrays where a column has their sizes; None if unknown.
+        bodies: the two bodies, () if unknown.
+        air: None where flights are not corrected.
+    """
 
     kind: Kind
     columns: Mapping[str, np.ndarray]
     relative: frozenset[str]
     gravity: float
+    contact: sj.Contact | None
+    bodies: tuple[Body, ...]
     air: Air | None
     fall: Fall | None
     remarks: tuple[str, ...]
@@ -86,7 +74,12 @@ class Rows(NamedTuple):
 
     def take(self, rows) -> "Rows":
         columns = {name: column[rows] for name, column in self.columns.items()}
-        return self._replace(columns=columns, air=None if self.air is None else self.air.take(rows))
+        return self._replace(
+            columns=columns,
+            contact=contact_of_rows(self.contact, rows),
+            bodies=tuple(body.take(rows) for body in self.bodies),
+            air=None if self.air is None else self.air.take(rows),
+        )
 
 
 class Points(NamedTuple):
@@ -112,17 +105,16 @@ def rows_blamed(rows: np.ndarray | None = None) -> Iterator[None]:
 
 def read_rows(
     table: Mapping[str, Any],
-    ball: Mapping[str, Any],
+    pair: "Pair",
     uncertainties: Mapping[str, Any],
     gravity: float | None,
     group: Sequence[Any] | None,
     air: Any,
     origin: Origin | None,
 ) -> Rows:
-    """The used columns of a table (see `RestitutionData.from_table`).
+    """The used columns of a table (see `RestitutionData.from_table`), with the bodies of each row.
 
-    `ball`: diameter, mass and density of what flies, None where not known. `origin`: of a file, whose
-    assumed units are a remark.
+    `origin`: of a file, whose assumed units are a remark.
     """
     headers = getattr(table, "columns", None)  # a frame's
     headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
@@ -163,10 +155,12 @@ def read_rows(
         raise DataError("gravity", "given", "left out where velocities are given")
     g = STANDARD_GRAVITY if gravity is None else gravity
     g = as_number("gravity", g, lambda g: g > 0, "a positive acceleration in m/s²")
-    around, remarks = _air(air, columns, ball, kind, g)
+    sizes = {name: columns[name] for name in SIZES if name in columns}
+    contact, bodies = pair.of_rows(sizes)
+    around, remarks = _air(air, pair.ball.of_rows(**sizes), kind, g)
     remarks = (*layout.remarks, *filter(None, [layout.assumed * (origin is not None)]), *remarks)
     fall = _fall(layout, around, g)
-    return Rows(kind, columns, layout.relative, g, around, fall, remarks, origin)
+    return Rows(kind, columns, layout.relative, g, contact, bodies, around, fall, remarks, origin)
 
 
 def points_of(rows: Rows) -> Points:
@@ -175,22 +169,11 @@ def points_of(rows: Rows) -> Points:
         return (_sequences if rows.kind.is_sequence else _single_impacts)(rows)
 
 
-def radius_of(columns: Mapping[str, Any], density: Any) -> Any:
-    """Radius of the sphere in each row; None where the rows do not have it."""
-    if "radius" in columns:
-        return columns["radius"]
-    if "diameter" in columns:
-        return columns["diameter"] / 2
-    if "mass" in columns and density is not None:
-        return (3 * columns["mass"] / (4 * np.pi * density)) ** (1 / 3)
-    return None
-
-
 def observed_of(rows: Rows, points: Points) -> dict[str, np.ndarray]:
-    """Observables other than ε, their uncertainties, and sizes, of each point."""
+    """Observables other than ε of each point, and their uncertainties."""
     rows = rows.take(points.rows)
-    columns = {name: rows.columns[name] for name in (*OBSERVED, *SIZES) if name in rows.columns}
-    for name in {*OBSERVED} & {*columns}:
+    columns = {name: rows.columns[name] for name in OBSERVED if name in rows.columns}
+    for name in [*columns]:
         if (uncertainty := rows.uncertainty(f"{name}_uncertainty", columns[name])) is not None:
             columns[f"{name}_uncertainty"] = uncertainty
     if rows.kind.is_flight and "contact_time" in columns:
@@ -239,16 +222,13 @@ def _launches(labels: np.ndarray) -> np.ndarray:
     return np.array(names, dtype=object)[np.cumsum(fresh) - 1]
 
 
-def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: float):
+def _air(air: Any, ball: Body, kind: Kind, gravity: float):
     """The air of flights, or None if it is ignored, and a remark."""
-    radius = radius_of(columns, ball["density"])
-    diameter = ball["diameter"] if radius is None else 2 * radius
-    ball_sizes = ball_of(diameter, columns.get("mass", ball["mass"]), ball["density"])
     density = checked_air(air)
     if density is None or not kind.is_flight:
         return None, ()
-    if ball_sizes is not None:
-        around = Air(*ball_sizes, gravity, density)
+    if ball.is_ball:
+        around = Air(ball, gravity, density)
         if np.any(around.lightness >= 1):
             light = float(np.min(density / around.lightness))
             accepted = f"above that of air, {density:g} kg/m³; air = false corrects nothing"
@@ -262,13 +242,57 @@ def _air(air: Any, columns: Any, ball: Mapping[str, Any], kind: Kind, gravity: f
 def _fall(layout: Layout, air: Air | None, gravity: float) -> Fall | None:
     """Conversion of heights to velocities; None for other columns, and for balls of several sizes."""
     needs = layout.kind.needs
-    if HEIGHTS[0] not in needs or (air is not None and np.ndim(air.diameter * air.mass)):
+    drop, rebound = OF_HEIGHTS
+    if drop not in needs or (air is not None and np.ndim(air.ball.diameter * air.ball.mass)):
         return None
-    fall = Fall(layout.written[HEIGHTS[0]] or "m", gravity, has_rebounds=HEIGHTS[1] in needs)
+    fall = Fall(layout.written[drop] or "m", gravity, has_rebounds=rebound in needs)
     if air is None:
         return fall
-    diameter, mass = float(air.diameter), float(air.mass)
+    diameter, mass = float(air.ball.diameter), float(air.ball.mass)
     return replace(fall, density=air.density, diameter=diameter, mass=mass)
+
+
+class Pair(NamedTuple):
+    """The bodies that a table's rows are of.
+
+    Attributes:
+        ball: the sphere that flies, as far as it is known.
+        contact: of one pair of bodies, or a function that gives it of radii [m], (n,).
+        bodies: the two, or a function that gives them of radii; () if unknown.
+        one_size: whether sizes in the rows are refused.
+    """
+
+    ball: Body
+    contact: Any
+    bodies: Any
+    one_size: bool
+
+    def of_rows(self, sizes: Mapping[str, Column]) -> tuple[sj.Contact | None, tuple[Body, ...]]:
+        """Contact and bodies, where the rows have these columns of `SIZES`."""
+        if not callable(self.contact):
+            if sizes and (self.one_size or self.contact is not None):
+                accepted = "given once: as a column, or with the bodies (in Python `contact` is a function "
+                accepted += "of the radii where they are a column)"
+                raise DataError(
+                    next(iter(sizes)), "a column, and the bodies have one size", accepted
+                )
+            return self.contact, tuple(self.bodies)
+        radius = self.ball.of_rows(**sizes).radius
+        if not sizes or radius is None:
+            accepted = (
+                "stated with the bodies, or a column diameter, radius or mass (with the density)"
+            )
+            raise DataError("radius or diameter", "missing", accepted)
+        bodies = self.bodies(radius) if callable(self.bodies) else self.bodies
+        return self.contact(radius), tuple(bodies)
+
+
+def contact_of_rows(contact: sj.Contact | None, rows: Any) -> sj.Contact | None:
+    """The contact of some rows."""
+    if contact is None or not any(map(np.ndim, contact.leaves().values())):
+        return contact
+    leaves = contact.leaves().items()
+    return sj.Contact(**{n: x[rows] if np.ndim(x) else x for n, x in leaves}, area=contact.area)
 
 
 # ---------------------------------------------------------------- an impact by two quantities
@@ -279,40 +303,23 @@ def _impacts(rows: Rows, first: Column, second: Column, floor: Column, index: An
 
     `floor`: where the slope in `second` is taken; `index`, `sizes`: of the input errors.
     """
-    what, gravity, air = rows.kind.what, rows.gravity, rows.air
-    power = 0.5 if what == "heights" else 1.0
-    velocity = first if what == "velocities" else gravity * first / 2
-    velocity = np.sqrt(2 * gravity * first) if what == "heights" else velocity
-    restitution = (second / first) ** power
+    kind, gravity, air = rows.kind, rows.gravity, rows.air
+    impacts = kind.impacts(first, second, floor, gravity, air)
+    velocity, restitution = impacts.velocity, impacts.restitution
     remarks: tuple[str, ...] = ()
-    if air is None:
-        by_second = power / first * (np.where(floor > 0, floor, np.inf) / first) ** (power - 1)
-        faster, by_drag = power * velocity / first, None
-        by_first = -power * restitution / first
-    else:
-        arrival, departure = ("fall", "rise") if what == "heights" else ("landing", "take_off")
-        in_vacuum = velocity, restitution
-        velocity = getattr(air, arrival)(first)
-        restitution = getattr(air, departure)(second) / velocity
-        faster, slower = air.slope(arrival, first), air.by_drag(arrival, first)
-        by_first, by_second = (
-            -restitution * faster / velocity,
-            air.slope(departure, floor) / velocity,
-        )
-        of_second = air.by_drag(departure, second) - restitution * slower
-        by_drag = np.stack([of_second / velocity, slower], axis=1)
-        remarks = air.remarks(velocity, restitution, in_vacuum)
-    if rows.kind.is_flight:
-        remarks = (*remarks, FALLEN + ("drop heights" if what == "heights" else "times of flight"))
+    if air is not None:
+        vacuum = kind.impacts(first, second, floor, gravity, None)
+        remarks = air.remarks(velocity, restitution, (vacuum.velocity, vacuum.restitution))
+    if kind.is_flight:
+        remarks = (*remarks, FALLEN + kind.fallen)
         fastest = float(np.max(velocity))
         if FASTEST_FALL < fastest < np.inf:  # from higher than anybody drops a ball, in air too
             height = fastest * (fastest / (2 * gravity))
             remarks = (*remarks, f"{FALLS} {fastest:.3g} m/s, from {height:.3g} m")
-    to_restitution, to_velocity = three(by_first, by_second), three(faster)
-    if what == "times":  # of three bounces, their differences are the intervals
-        to_restitution = three(-by_first, by_first - by_second, by_second)
-        to_velocity = three(-faster, faster)
-    errors = PointErrors(index, to_restitution, to_velocity, sizes, what, by_drag=by_drag)
+    to_restitution, to_velocity = kind.shared(impacts)
+    errors = PointErrors(
+        index, to_restitution, to_velocity, sizes, kind.name, by_drag=impacts.by_drag
+    )
     return velocity, restitution, errors, remarks
 
 
@@ -325,9 +332,9 @@ def _with_own(errors: PointErrors, rows: Rows, velocity: Column, restitution: Co
         alone = np.where(np.isnan(restitution), 1.0, alone)  # of what was not measured
         if errors.size_is_unknown:  # stated of each ε: nothing is left to estimate
             errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
-        elif errors.kind:
+        elif errors.measured_by.has_readings:
             remarks = (f"uncertainty is added to that of the {errors.kind}",)
-    if errors.kind == "velocities":  # of which v is one
+    if errors.measured_by.has_velocity:
         of_velocity = None
     return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), remarks
 
@@ -339,7 +346,7 @@ def _single_impacts(rows: Rows) -> Points:
     complete, left_out = _complete(rows)
     rows, count = rows.take(complete), len(complete)
     with rows_blamed(complete):
-        if rows.kind.what:
+        if rows.kind.has_readings:
             velocity, restitution, errors, remarks = _of_pairs(rows)
         else:
             velocity = rows.columns["velocity"]
@@ -367,14 +374,14 @@ def _complete(rows: Rows) -> tuple[np.ndarray, tuple[str, ...]]:
 
 def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]:
     """v, ε and errors of two velocities, or of two heights, of which the second may be missing."""
-    names, positive, not_negative, swapped = PAIRS[rows.kind.what]
+    names, positive, not_negative, swapped = rows.kind.limits
     first = rows.columns[names[0]]
     second = rows.columns[names[1]] if names[1] in rows.kind.needs else np.full(len(first), np.nan)
     is_measured = np.isfinite(second)
     second = np.where(is_measured, second, 0.0)
     remarks: tuple[str, ...] = ()
     of_one_sign = np.all(first > 0) or np.all(first < 0)
-    if names == VELOCITIES and of_one_sign and np.all(first * second <= 0):
+    if rows.kind.has_signs and of_one_sign and np.all(first * second <= 0):
         first, second = np.abs(first), np.abs(second)
         remarks = ("the signs of velocities before and after the impact are ignored",)
     require(names[0], first, lambda x: x > 0, positive)
@@ -409,7 +416,7 @@ def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Co
     for name, x in zip(each, values, strict=True):
         size = rows.uncertainty(name, x)
         sizes.append(np.zeros(len(x)) if size is None else size)
-        what = f"uncertainty of the {rows.kind.what}"
+        what = f"uncertainty of the {rows.kind.name}"
         require(what, sizes[-1], lambda u: u >= 0, "a number of 0 or more")
     return sizes, remarks if names[1] in rows.kind.needs else ()
 
@@ -419,7 +426,7 @@ def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Co
 
 def _sequences(rows: Rows) -> Points:
     (name,) = rows.kind.needs
-    span = 1 + (name == "time")  # rows from the first to the last that a point needs
+    span = rows.kind.span
     with rows_blamed():
         sequence = np.cumsum(_breaks(rows))
         interval = _intervals(rows, name, sequence)
@@ -441,8 +448,9 @@ def _sequences(rows: Rows) -> Points:
     with rows_blamed(taken):
         errors, added = _with_own(errors, used, velocity, restitution)
     short = int(np.sum(np.bincount(sequence) <= span))
-    what = "a single interval" if span == 1 else "fewer than three bounces"
-    remarks = [f"{short} launch(es) of {what} give no restitution and are not used"] * bool(short)
+    remarks = [
+        f"{short} launch(es) of {rows.kind.too_short} give no restitution and are not used"
+    ] * bool(short)
     return Points(velocity, restitution, errors, taken, (*remarks, *added, *of_air))
 
 
@@ -457,22 +465,18 @@ def _breaks(rows: Rows) -> np.ndarray:
 
 def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
     """Times from each bounce to the next; those from one launch to another mean nothing."""
-    values = rows.columns[name]
-    hint = "(a launch column separates launches)"
-    if name == "interval":
-        require(name, values, lambda t: t > 0, "a positive time in s: no gap within a launch")
-        steps, before = values, "shorter than the one above"
-    else:
-        require(name, values, np.isfinite, "a time in s: no gap within a launch")
-        steps, before = np.diff(values), "sooner"
-        for row in 1 + np.flatnonzero((steps <= 0) & (sequence[1:] == sequence[:-1])):
-            accepted = f"later than the one above it {hint}"
-            raise DataError(name, float(values[row]), accepted, int(row))
+    values, kind = rows.columns[name], rows.kind
+    follows = np.append(False, sequence[1:] == sequence[:-1])
+    refused = kind.refused(values, follows)
+    if refused is not None:
+        row, accepted = refused
+        raise DataError(name, float(values[row]), accepted, row)
+    steps = kind.flights(values)
     if "group" not in rows.columns:
         # a bounce much higher than the last is the next launch, in a table that names none
         higher = np.flatnonzero(steps[1:] > HIGHER * steps[:-1])
         for row in higher + 1 + len(values) - len(steps):
-            raise DataError(name, float(values[row]), f"{before} {hint}", int(row))
+            raise DataError(name, float(values[row]), kind.follows, int(row))
     return steps
 
 
@@ -481,7 +485,7 @@ def _timing(rows: Rows, name: str) -> Column | None:
     stated = [column for column in rows.kind.uncertainties if column in rows.columns]
     if not stated:
         return None
-    if name == "time" and stated[0] in rows.relative:
+    if rows.kind.has_no_zero and stated[0] in rows.relative:
         raise DataError(stated[0], "in percent", "in s, ms or us, as times have no zero")
     sizes = rows.uncertainty(stated[0], rows.columns[name])
     require(stated[0], sizes, lambda u: u > 0, "a positive time in s")  # type: ignore[arg-type]

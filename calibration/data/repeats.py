@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.data.checks import codes_of
-from calibration.data.point_errors import PointErrors, paired, three
+from calibration.data.kinds import REPEATS, three
+from calibration.data.point_errors import PointErrors, paired
 from calibration.errors import DataError
 
 Values = Float[np.ndarray, " n"]
@@ -76,4 +77,4 @@ def _errors_of(of_eps: Values | None, of_v: Values, joint: Values, velocity_know
     common = joint / np.where(spread > 0, spread, 1.0)
     rest = np.sqrt(np.maximum(of_eps - common**2, 0.0))
     sizes = np.ones(2 * len(of_v))
-    return PointErrors(paired(len(of_v)), three(common, rest), three(spread), sizes, "repeats")
+    return PointErrors(paired(len(of_v)), three(common, rest), three(spread), sizes, REPEATS.name)

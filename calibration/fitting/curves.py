@@ -281,44 +281,20 @@ def like_measured(
         order = np.argsort(velocity, kind="stable")
         return np.interp(at, velocity[order], sizes[order])
 
-    if errors.kind == "repeats":
-        return PointErrors.alone(len(at), like(errors.uncertainty))
+    kind = errors.measured_by
     u, u_v = errors.restitution_alone, errors.velocity_alone
-    u = None if u is None else like(u)
     # of a pair of velocities v is one of the two
-    u_v = None if u_v is None or errors.kind == "velocities" else like(u_v, velocity, at)
-    if not errors.kind:
-        return PointErrors.alone(len(at), u, u_v)
-    gravity = None  # v ∂v/∂h of heights is g, ∂v/∂t of times g/2
-    if errors.kind == "heights":
-        gravity = float(np.median(velocity * errors.to_velocity[:, 0]))
-    elif errors.kind != "velocities":
-        gravity = 2 * float(np.median(np.max(errors.to_velocity, axis=1)))
-    table = _readings(errors.kind, at, np.maximum(expected, LEAST_REBOUND), gravity)
-    stated = {"uncertainty": u, "velocity_uncertainty": u_v}
-    stated = {name: column for name, column in stated.items() if column is not None}
-    options: dict[str, Any] = {"gravity": gravity}
-    if errors.kind in ("intervals", "times"):
-        per = len(table["launch"]) // len(at)
-        stated = {name: np.repeat(column, per) for name, column in stated.items()}
-        options["timing_uncertainty"] = timing if errors.size is None else np.median(errors.size)
-    else:
-        were = _readings(errors.kind, velocity, restitution, gravity)
-        sizes = zip(table, errors.sizes(0.0)[errors.index[:, :2]].T, strict=True)
-        stated |= {f"{name}_uncertainty": like(u, were[name], table[name]) for name, u in sizes}
-    return RestitutionData.from_table(table | stated, **options).errors
-
-
-def _readings(kind: str, velocity: Velocity, restitution: Velocity, gravity: Any) -> dict[str, Any]:
-    """Readings of impacts in vacuum; of bounces, one launch of two intervals or three times for each."""
-    if kind == "velocities":
-        return {"impact_velocity": velocity, "rebound_velocity": restitution * velocity}
-    if kind == "heights":
-        drop = velocity**2 / (2 * gravity)
-        return {"drop_height": drop, "rebound_height": restitution**2 * drop}
-    first = 2 * velocity / gravity
-    name, rows = "interval", [first, restitution * first]
-    if kind == "times":
-        name, rows = "time", [0 * first, first, first * (1 + restitution)]
-    launch = np.repeat([str(k) for k in range(len(velocity))], len(rows))
-    return {"launch": launch, name: np.transpose(rows).ravel()}
+    u_v = None if u_v is None or kind.has_velocity else like(u_v, velocity, at)
+    gravity = kind.gravity(velocity, errors.to_velocity)
+    table = kind.readings(at, np.maximum(expected, LEAST_REBOUND), gravity)
+    if not table:  # v and ε themselves are stated
+        u = errors.uncertainty
+        return PointErrors.alone(len(at), None if u is None else like(u), u_v)
+    stated = {"uncertainty": None if u is None else like(u), "velocity_uncertainty": u_v}
+    each = len(next(iter(table.values()))) // len(at)  # rows of a point
+    options = {name: np.repeat(x, each) for name, x in stated.items() if x is not None}
+    were = kind.readings(velocity, restitution, gravity)
+    planned: dict[str, Any] = {}
+    if errors.size is not None or timing is not None:
+        planned = kind.planned(errors.sizes(timing or 0.0), errors.index, like, were, table)
+    return RestitutionData.from_table(table | options | planned, gravity=gravity).errors

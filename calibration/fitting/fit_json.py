@@ -16,10 +16,9 @@ from pydantic import Field, PlainValidator, ValidationError, WithJsonSchema
 import softjax as sj
 from calibration.data import PointErrors, RestitutionData
 from calibration.data.air import Fall
-from calibration.data.columns import OBSERVED
+from calibration.data.bodies import Body
 from calibration.data.json_file import plain
-from calibration.data.materials import Body
-from calibration.data.measurements import LONGEST_NAME
+from calibration.data.measurements import BESIDE, LONGEST_NAME
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.laws import LAWS, Tree, law_name
@@ -36,7 +35,6 @@ from calibration.parameters import Parameter
 from calibration.schema import Real, Strict, faults
 
 FORMAT = 1
-BESIDE = tuple(name for observed in OBSERVED for name in (observed, f"{observed}_uncertainty"))
 LARGEST = 24 * MIB
 AS_THEY_ARE = (
     *("unloading_line", "settings", "versions", "warnings", "rank", "condition_number"),
@@ -89,19 +87,18 @@ class DataRecord(Strict):
 
     @classmethod
     def record_of(cls, data: RestitutionData) -> dict[str, Any]:
-        observed = {name: getattr(data, name) for name in BESIDE}
         return _by_names(
             cls,
             data,
             bodies=[{"name": b.name, "radius": b.radius, **vars(b.material)} for b in data.bodies],
             errors=data.errors if np.any(data.errors.index >= 0) else None,
-            observed={name: column for name, column in observed.items() if column is not None},
+            observed=dict(data.measured),
         )
 
     def data(self, name: str) -> RestitutionData:
         """The data set that the record describes; it was checked once."""
         entries = {key: np.array(x) if isinstance(x, list) else x for key, x in self}
-        entries |= _arrays(entries.pop("observed"))
+        entries["measured"] = _arrays(entries.pop("observed"))
         if self.errors is not None:
             entries |= {"uncertainty": None, "velocity_uncertainty": None}
             entries["errors"] = PointErrors(**_arrays(self.errors))

@@ -92,6 +92,19 @@ def test_one_limit_velocity_absurd_numbers_and_restitutions_above_one():
     assert "0.01" in data.notes[1]
 
 
+def test_an_unknown_kind_of_reading_is_refused_and_another_set_differs_by_what_it_measured():
+    with pytest.raises(cal.DataError, match=r"'velocities', 'heights'.*but is 'energies'"):
+        replace(cal.PointErrors.alone(2), kind="energies")
+    timed = cal.RestitutionData([1.0, 2.0], [0.9, 0.8], contact_time=[1e-5, math.nan])
+    assert timed != cal.RestitutionData([1.0, 2.0], [0.9, 0.8])
+    assert timed == cal.RestitutionData([1.0, 2.0], [0.9, 0.8], measured=timed.measured)
+    longer = replace(timed, contact_time=2e-5)
+    np.testing.assert_array_equal(longer.contact_time, [2e-5, 2e-5])
+    assert longer.contact_time_uncertainty is None
+    with pytest.raises(cal.DataError, match=r"`measured` must be of contact_time, .*heat"):
+        cal.RestitutionData([1.0], [0.9], measured={"heat": [1.0]})
+
+
 @pytest.mark.parametrize("name", ["interval", "time"])
 def test_two_launches(name):
     """By intervals, the uncertainty in the row of the first; by times, in the row of the bounce."""

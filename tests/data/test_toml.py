@@ -82,8 +82,8 @@ UNCERTAINTIES = [  # a key for all rows, the column in its place
     ("drop_height_uncertainty = 0.002", "h0,h1", "h0,h1,u_h0", "0.002"),
     ("rebound_height_uncertainty = 0.002", "h0,h1", "h0,h1,u_hf", "0.002"),
     ('interval_uncertainty = "2 ms"', "interval,x", "interval,x,u_dt", "0.002"),
-    ("timing_uncertainty = 0.002", "time,x", "time,x,u_t", "0.002"),
-    ("time_uncertainty = 0.002", "time,x", "time,x,u_time", "0.002"),
+    ("timing_uncertainty = 0.002", "time,note", "time,note,u_t", "0.002"),
+    ("time_uncertainty = 0.002", "time,note", "time,note,u_time", "0.002"),
 ]
 
 
@@ -172,3 +172,18 @@ def test_parameters_and_settings_of_a_file(tmp_path):
     lines = [f"{key} = {json.dumps(value)}" for key, value in options.items()]
     assert problem("\n".join(["[fit]", *lines, entry(properties="")])).settings == options
     assert problem(entry(properties="")).settings == {}
+
+
+def test_a_mass_alone_is_a_ball_whose_size_may_stand_in_the_rows(read_toml):
+    """Without a size nothing is corrected for air, and the remark says so."""
+    toml, drops = (
+        '[[material]]\nmass = "2.7 g"\ndata = "m.csv"\n',
+        "drop_height,rebound_height\n1,0.8\n",
+    )
+    (data,) = read_toml(toml, drops)
+    assert any("not corrected for air" in remark for remark in data.remarks)
+    assert data.contact is None
+    (sized,) = read_toml(toml, "drop_height,rebound_height,diameter [mm]\n1,0.8,40\n")
+    (same,) = read_toml(f"{toml}diameter = 0.04\n", drops)
+    assert sized.restitution[0] == pytest.approx(same.restitution[0], rel=1e-12)
+    assert sized.restitution[0] > data.restitution[0] + 0.01
