@@ -39,6 +39,8 @@ LAWS = (
 KINDS_OF_LAW = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
 ROUTES = {"ode": "ODE", "energy balance": "EnergyBalance", "closed form": "ClosedForm"}
 OBJECTIVES = ("model", "two-step")
+VALUES_ALONE = "intervals come from `model`: `two-step` gives values alone"
+
 DOF = (2.0, 30.0, "a number in [2, 30]")  # of Student's t
 # options of a law, and the laws that have them
 LAW_OPTIONS = {"form": ("zhou",), "kappa": ("zhou",), "end": ("hertz-dashpot", "linear")}
@@ -49,6 +51,12 @@ ACTS_WITH: dict[str, tuple[str, tuple[Any, ...]]] = {
     "noise_dof": ("noise", ("student-t",)),
 }
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def require_likelihood(objective: str | None) -> None:
+    """Refuse what needs a likelihood, which `two-step` has none of."""
+    if objective == "two-step":
+        raise DataError("objective", objective, f"model ({VALUES_ALONE})")
 
 
 def checked_law(law: Any) -> Any:

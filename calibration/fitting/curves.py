@@ -145,7 +145,7 @@ class _Hidden(NamedTuple):
         """From the covariance, which has no variance along them."""
         estimates = [result.estimates.get(name) for name in result.covariance_names]
         variance = np.diagonal(result.of_predictions)
-        left_out = ~np.isfinite(np.diagonal(result.covariance))
+        left_out = ~np.isfinite(np.diagonal(result.covariance)) & np.isfinite(variance)
         left_out &= np.array([e is not None for e in estimates], bool)  # no weights of a network
         size = np.where(left_out, np.sqrt(variance), 0.0)
         value = [abs(e.value or 0.0) if e and not e.at_bound else 0.0 for e in estimates]

@@ -22,9 +22,8 @@ from calibration.rounding import NO_ERROR, with_error
 class Estimate:
     """One number with its uncertainty; what is undefined, or an open end, is None.
 
-    `method` says where the interval comes from: "profile" (profile likelihood), "sandwich" (stacked
-    estimating equations), "wald" (least squares), "derived" (carried over), "undetermined", or
-    "fixed".
+    `method` says where the interval comes from: "profile" (profile likelihood), "wald" (least
+    squares), "derived" (carried over), "undetermined", "none" (of no likelihood), or "fixed".
 
     `skewed`: whether the likelihood is so skewed that the standard error, though it is the curvature's,
     describes no interval: it is not printed then. None: that was not looked at.

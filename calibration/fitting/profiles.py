@@ -294,10 +294,7 @@ FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in 
 def profiles_of(
     fits: Sequence[ComponentFit], confidence: float, tell: Callable[[int], None]
 ) -> list[dict[str, Profile]]:
-    """Profiles of each scalar parameter that has a likelihood: of `model`, and of the step by Eq. (17).
-
-    χ̃ of `two-step` has none. `tell` hears how many fits are done.
-    """
+    """Profiles of each scalar parameter of a likelihood; `tell` hears how many fits are done."""
     curves: list[dict[str, Profile]] = [{} for _ in fits]
     requested = {k: _requested(fit, confidence) for k, fit in enumerate(fits)}
     tasks = {k: task for k, task in requested.items() if task is not None}
@@ -336,7 +333,7 @@ def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
 def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
     """Parameters of a fit to be profiled; None if there are none."""
     stage = fit.stages[0]
-    if not stage.ends.converged[0] or not len(stage.problem.active):
+    if not (fit.is_likelihood and stage.ends.converged[0] and len(stage.problem.active)):
         return None
     problem, known = stage.problem, fit.uncertainty
     variance = _variance(fit)
@@ -415,6 +412,8 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
         return _at_an_end(fit, k, curve)
     if known.undetermined[k]:
         return Estimate(value, method="undetermined", free=True)
+    if not fit.is_likelihood:
+        return Estimate(value, method="none", free=True)
     transform = fit.final.problem.transform.part(np.array([k]))
     z_error = float(known.errors[k])
     slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
@@ -429,8 +428,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
         is_finite = transform.kind[0] == NONE or reach < FARTHEST
         end = transform.physical(fit.z[k : k + 1] + sign * reach)[0]
         ends.append(float(end) if is_finite else None)
-    method = "wald" if fit.is_likelihood else "sandwich"
-    return Estimate(value, error, ends[0], ends[1], method, True)
+    return Estimate(value, error, ends[0], ends[1], "wald", True)
 
 
 def _at_an_end(fit: ComponentFit, k: int, curve: Profile | None) -> Estimate:

@@ -451,8 +451,7 @@ def _stages(component: Component, route: Route) -> Iterator[tuple[str, Problem]]
     names_17 = {name.removeprefix(OF_CONTACT): name for name in EMPIRICAL}
     yield "Eq. (17)", _problem(component, eq_17, names_17, first, None)
     rest = [k for k in all_elements if k not in first]
-    # by the energy balance more slopes cost next to nothing: then curve and band share the program
-    yield "model", _problem(*laws, rest, route, [] if isinstance(route, sj.ODE) else all_elements)
+    yield "model", _problem(*laws, rest, route)
 
 
 def _problem(
@@ -461,7 +460,6 @@ def _problem(
     names: Mapping[str, str],
     active: list[int],
     route: Route,
-    more: Sequence[int] = (),
 ) -> Problem:
     """The problem of one law for all data sets.
 
@@ -469,7 +467,7 @@ def _problem(
 
     Args:
         names: in full of each of the law's parameters.
-        active, more: elements that are searched, and others along which the law is differentiated.
+        active: elements that are searched.
     """
     elements, specs = component.elements, component.specs
     sets = []
@@ -488,7 +486,7 @@ def _problem(
         data,
         elements,
         transform_of(elements),
-        replace(rows, row=rows.row[impact]).bind(theta, [*active, *more]),
+        replace(rows, row=rows.row[impact]).bind(theta, active),
         points,
         np.array(active, int),
         route,

@@ -40,7 +40,7 @@ from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.options import FitOptions, documented, idle
+from calibration.options import FitOptions, documented, idle, require_likelihood
 from calibration.output import replacing, write_text
 
 Progress = Callable[..., None]  # called as progress(stage, done, total)
@@ -258,6 +258,7 @@ class FitResult:
 
     def leave_one_out(self) -> LeaveOneOut:
         """Each point predicted by the fit without it; see `LeaveOneOut`."""
+        self._require_likelihood()
         with jax.enable_x64(True):
             return leave_one_out(self.searched())
 
@@ -269,6 +270,7 @@ class FitResult:
         """
         check_whole("count", count, 1)
         check_whole("seed", seed, 0)
+        self._require_likelihood()
         with jax.enable_x64(True):
             return bootstrap(self.searched(), count, seed, self.confidence)
 
@@ -303,6 +305,10 @@ class FitResult:
         from calibration.fitting.posterior.draws import sampled
 
         return sampled(self, draws, chains, seed, warmup, progress)
+
+    def _require_likelihood(self) -> None:
+        for material in self.materials:
+            require_likelihood(material.objective)
 
     def at_draws(self, posterior: Any, count: int = 16) -> list["FitResult"]:
         """This fit at some draws of its posterior, evenly selected, with the laws that a study needs.

@@ -12,17 +12,16 @@ from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.problem import DRAG
-from calibration.fitting.profiles import Profile, estimate_of, estimates, weighted_deviation
+from calibration.fitting.profiles import Profile, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted
 from calibration.fitting.uncertainty import NULL_SHARE, RANK_TOLERANCE, leverages, quantile
 from calibration.fitting.warnings import FitWarning
-from calibration.fitting.warnings_of import NOISELESS, Found, of_component, of_set, raised
+from calibration.fitting.warnings_of import of_component, of_set
 from calibration.observables import RESTITUTION
 from calibration.options import FitOptions
 from calibration.parameters import NONE
 
-APART = 2.0  # standard errors between the two objectives
 RARE = 0.05  # probability that the farthest of n normal errors is named
 MOST_OUTLIERS = 100  # of one data set
 NO_ERRORS = 1e-9  # of ε: residuals below are none
@@ -79,8 +78,6 @@ def _material(fit: ComponentFit, g: int, by_element, options, shared_warnings) -
         observed={name: of_one for name, of_one in goodness.items() if name != RESTITUTION},
     )
     found = [warning for warning in shared_warnings if warning.material == part.name]
-    if spec.objective == "two-step" and (part.rms_empirical or 0.0) >= NOISELESS:
-        found += raised(part.name, _disagreements(fit, part, plain))
     off = at.prediction[0][first] - problem.points.value[first]
     found += of_set(fit, part, off, dict(zip(goodness, spec.errors, strict=True)))
     return replace(part, warnings=tuple(found))
@@ -257,7 +254,7 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
     singular, way = at_end.singular[0], gradient[active] / at_end.size[0]
     seen = at_end.directions[0][:, singular > RANK_TOLERANCE * np.max(singular, initial=0.0)]
     hidden = np.linalg.norm(way - seen @ (seen.T @ way))
-    if fit.is_likelihood and hidden <= NULL_SHARE * np.linalg.norm(way):  # along no null direction
+    if hidden <= NULL_SHARE * np.linalg.norm(way):  # along no null direction
         whole = fit.uncertainty.of_predictions
     covariance = whole[np.ix_(acting, acting)]
     variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
@@ -288,22 +285,3 @@ def _eq_17(
     law = problem.law_of(fit.theta, g)
     values = {name: float(getattr(law, name)) for name in ("limit_velocity", "sigma", "psi")}
     return float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2))), values
-
-
-def _disagreements(two: ComponentFit, part: MaterialFit, plain: Mapping[str, Any]) -> Found:
-    """Whether a fit by `model` has another ε_up or χ̃, by more than their errors."""
-    free = {e.name: e.parameter.prior for e in two.component.elements}
-    plainly_free = set(free) == {"chi", "sigma", "psi"} and not any(free.values())
-    if len(two.component.sets) > 1 or not plainly_free:
-        return
-    fit = fitted(Request((part.data,), part.model.options).with_options(law="zhou", **plain))[0]
-    others = derived_of(fit, 0, 0.95)
-    for k, element in enumerate(fit.component.elements):
-        others[element.name] = estimate_of(fit, k, None, 0.95)
-    by_two_step = {**part.derived, **part.parameters}
-    for name in (n for n in ("eps_up", "chi") if n in others and n in by_two_step):
-        values = [(e.value, e.standard_error) for e in (others[name], by_two_step[name])]
-        (one, error), (other, its_error) = np.array(values, float)  # NaN where there is none
-        if abs(one - other) > APART * np.hypot(error, its_error):
-            by_model = f"{name} is {one:.4g} ± {error:.2g} by `model`"
-            yield "objectives-disagree", f"{by_model}, {other:.4g} ± {its_error:.2g} by `two-step`"

@@ -35,7 +35,7 @@ from calibration.fitting.request import (
     transform_of,
 )
 from calibration.observables import RESTITUTION, predicted
-from calibration.options import FitOptions
+from calibration.options import FitOptions, require_likelihood
 from calibration.parameters import Transform
 
 START_SPREAD = 0.3  # of a pool
@@ -288,8 +288,9 @@ def traceable(request: Request) -> Traceable:
     """The traceable problem of a fit's request."""
     with jax.enable_x64(True):
         components = assemble(request)
-    if any(spec.objective != "model" for component in components for spec in component.specs):
-        raise DataError("objective", "two-step", "model, which has a likelihood")
+    for component in components:
+        for spec in component.specs:
+            require_likelihood(spec.objective)
     sets = _named(components)
     noises = tuple(label for block in sets for label in block.labels.values())
     elements = [e for component in components for e in component.elements]

@@ -4,13 +4,7 @@ Of one likelihood: the inverse of the observed information, the second derivativ
 and of the priors (differences of the exact gradient). Where that is not positive definite in the
 directions that show, Gauss and Newton's JᵀJ takes its place and standard errors are not given.
 
-Of `two-step`: the estimating equations of both stages, stacked. Each stage's estimate solves
-g_k(z) = Σ_i J_i r_i = 0. With A = ∂g/∂z and G = ∂g/∂ε of both together, noise of covariance V moves
-the estimate by covariance
-
-    C = A⁻¹ (Gᵀ V G + priors) A⁻ᵀ
-
-There A is the exact derivative of the gradient: the model's misfit is no noise and does not average out.
+Of `two-step`, which is no likelihood: none. Only rank and null directions are looked at.
 
 Where the noise is itself an estimate, C is a function of variances s_c with covariance R of their
 logarithms. A quantile is Student's with (Satterthwaite)
@@ -20,8 +14,7 @@ logarithms. A quantile is Student's with (Satterthwaite)
 and C, which takes s for known, is on the average too small by - Σ R_cd s_c s_d ∂²C/∂s_c∂s_d (Kenward and
 Roger); both from differences of Gauss and Newton's C, for normal noise.
 
-Source: Newey and McFadden, Handbook of Econometrics 4, 2111 (1994), section 6; Satterthwaite,
-Biometrics Bulletin 2, 110 (1946); Kenward and Roger, Biometrics 53, 983 (1997); Efron and Hinkley,
+Source: Satterthwaite, Biometrics Bulletin 2, 110 (1946); Kenward and Roger, Biometrics 53, 983 (1997); Efron and Hinkley,
 Biometrika 65, 457 (1978), of the observed information."""
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -150,8 +143,8 @@ class Uncertainty:
 
     @property
     def known(self) -> Bool[np.ndarray, " p"]:
-        """Elements that are determined and not at an end of their range."""
-        return ~self.undetermined & (self.limits == 0)
+        """Elements that have a variance: determined, of a likelihood, and not at an end of their range."""
+        return ~self.undetermined & np.isfinite(np.diagonal(self.covariance))
 
     @property
     def errors(self) -> Float[np.ndarray, " p"]:
@@ -170,8 +163,8 @@ class Uncertainty:
 
 
 def uncertainty_of(stages: Stages, z: Float[np.ndarray, " p"]) -> Uncertainty:
-    """The covariance of all stages' elements together, at the estimates z."""
-    return _of_likelihood(*stages[0], z) if len(stages) == 1 else _of_equations(stages, z)
+    """The covariance at the estimates z; of several stages, which are no likelihood, none."""
+    return _of_likelihood(*stages[0], z) if len(stages) == 1 else _of_values(stages, z)
 
 
 def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
@@ -327,93 +320,39 @@ def _diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
     return block_diag(*blocks) if blocks else np.zeros((0, 0))
 
 
-def _of_equations(stages: Stages, z) -> Uncertainty:
-    """Covariance by the stacked estimating equations of several stages."""
-    first_problem = stages[0][0]
-    order = np.concatenate([problem.active for problem, _ in stages]).astype(int)
-    size, points = len(order), first_problem.count
-    bread, prior = np.zeros((2, size, size))
-    scores = np.zeros((points, size))
+def _of_values(stages: Stages, z) -> Uncertainty:
+    """Rank and null directions of each stage; no variances."""
+    size = len(z)
     nulls, limits = np.zeros(size, bool), np.zeros(size, int)
-    rank, condition, first, leverage = 0, 1.0, 0, np.zeros(points)
-    for k, (problem, own_limits) in enumerate(stages):
-        columns = slice(first, first + len(problem.active))
-        first, fixed = columns.stop, own_limits != 0
-        linear = problem.linearise(z[None])
-        jacobian = np.where(fixed, 0.0, linear.jacobian[0])
-        if k:
-            bread[columns] = gradient_slopes(problem, z, np.eye(len(z))[order]).T
-        else:
-            bread[columns, columns] = jacobian.T @ jacobian
-            leverage = leverages(jacobian)[:points]
-        # the effect of an error in each value on the equations of a stage
-        for errors, s, span in zip(problem.errors, problem.variances, problem.spans, strict=True):
-            factor = errors.factor(s, linear.slope[:, span], linear.bend[:, span])
-            raw = np.where(fixed, 0.0, linear.per[:, span])
-            copies = problem.points.copies[span, None]
-            scores[span, columns] = copies * errors.solve(factor, raw)[0]
-        prior[columns, columns] = jacobian[points:].T @ jacobian[points:]
-        *_, own_rank, own_condition, nulls[columns] = _decomposed(jacobian, fixed)
+    rank, condition = 0, 1.0
+    for problem, own_limits in stages:
+        jacobian = np.where(own_limits != 0, 0.0, problem.linearise(z[None]).jacobian[0])
+        found = _decomposed(jacobian, own_limits != 0)
+        *_, own_rank, own_condition, nulls[problem.active] = found
         rank, condition = rank + own_rank, max(condition, own_condition)
-        limits[columns] = own_limits
-    left = _left(first_problem, leverage)
-    middle, parts, relative, sets, names = _middles(first_problem, z, scores, left)
-    left_out = nulls | (limits != 0)
-    inverse = _inverse(bread, left_out)
-    whole = inverse @ (middle + prior) @ inverse.T
-    covariance = np.where(left_out[:, None] | left_out, np.nan, whole)
-    scaled = first_problem.transform.kind[order] != NONE
-    nulls |= scaled & (limits == 0) & ~(np.diagonal(covariance) < NO_ERROR**2)
-    back = np.argsort(order)
-    both = lambda a: a[..., back, :][..., back]  # noqa: E731
-    carried = np.array([inverse @ part @ inverse.T for part in parts])
-    carried = carried.reshape(len(parts), size, size)
-    labels = tuple(e.label for e in first_problem.elements)
-    published = both(covariance)
+        limits[problem.active] = own_limits
+    first, unknown = stages[0][0], np.full((size, size), np.nan)
+    labels, none = tuple(e.label for e in first.elements), np.zeros((0, size, size))
     return Uncertainty(
-        covariance=published,
-        of_predictions=np.nan_to_num(published),
-        whole=both(whole),
-        freedom=Freedom(labels, both(carried), relative, tuple(sets), tuple(names)),
+        covariance=unknown,
+        of_predictions=unknown,
+        whole=unknown,
+        freedom=Freedom(labels, none, np.zeros((0, 0)), (), ()),
         rank=rank,
         condition_number=condition,
-        undetermined=nulls[back],
-        limits=limits[back],
+        undetermined=nulls,
+        limits=limits,
         definite=True,
-        deviation=np.sqrt(first_problem.diagonal(z[None])[0]),
-        left=left,
+        deviation=np.sqrt(first.diagonal(z[None])[0]),
+        left=np.ones(len(first.spans)),
         widened=np.ones(size),
     )
-
-
-def _middles(problem: Problem, z, scores, left):
-    """Gᵀ V G, its parts by the variances that are estimates, and how well these are known."""
-    parts, sets, names, blocks = [], [], [], []
-    total = np.zeros((scores.shape[1],) * 2)
-    every = zip(problem.errors, problem.variances, problem.residuals_at(z[None]), strict=True)
-    for g, (errors, s, residuals) in enumerate(every):
-        scores_of = scores[problem.spans[g]]
-
-        def middle(at, errors=errors, residuals=residuals, scores_of=scores_of):
-            factor = errors.factor(at, residuals.slope, residuals.bend)
-            return scores_of.T @ errors.times(factor, scores_of[None])[0]
-
-        whole = middle(s)
-        total = total + whole
-        kinds, relative = _estimates(errors, s, residuals, left[g])
-        blocks.append(np.array([[2 / left[g]]]) if errors.is_plain else relative)
-        for kind in kinds:  # V is linear in it
-            twice = {**s, kind: 2 * np.asarray(s.get(kind, 0.0))}
-            parts.append(whole if kind == "repeats" else middle(twice) - whole)
-        sets += [problem.block_names[g]] * len(kinds)
-        names += kinds
-    return total, parts, _diagonal(blocks), sets, names
 
 
 def gradient_slopes(
     problem: Problem, z, ways: Float[np.ndarray, "n elements"], longest: float = np.inf
 ) -> Float[np.ndarray, "n p"]:
-    """∂(Jᵀ r)/∂z along some ways: of the curvature of -ln p, or of a stage's own equations.
+    """∂(Jᵀ r)/∂z along some ways, of the curvature of -ln p.
 
     Fourth-order differences of the exact gradient, all in one batch: no second derivative of a time
     integration is compiled, and the error stays near 1e-11. No step is longer than so many of its way.
@@ -433,16 +372,6 @@ def gradient_slopes(
 def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, " m"]:
     """Diagonal of J (JᵀJ)⁺ Jᵀ: how many parameters each row pays for."""
     return np.sum((jacobian @ _decomposed(jacobian)[0]) ** 2, axis=1)
-
-
-def _inverse(bread: Matrix, left_out) -> Matrix:
-    """A⁻¹ on what is determined, 0 on the rest."""
-    both = left_out[:, None] | left_out
-    a = np.where(both, np.eye(len(bread)), bread)
-    size = np.sqrt(np.abs(np.diagonal(a)))
-    size = np.where(size > 0, size, 1.0)
-    outer = np.outer(size, size)
-    return np.where(both, 0.0, np.linalg.pinv(a / outer, rcond=1e-16) / outer)
 
 
 def quantile(confidence: float, degrees: float | np.ndarray | None):

@@ -57,10 +57,6 @@ ADVICE = {
     "extrapolation": "Measure there before relying on it.",
     "all-below-yield": "Measure above the critical velocity; the unloading factor acts only there.",
     "eps-up-only": "Measure below the critical velocity to separate sigma from psi.",
-    "objectives-disagree": (
-        "Eq. (17) does not hold over the whole curve, or the law does not: look at both curves; "
-        "`model` is the law's own likelihood."
-    ),
     "velocity-errors": (
         "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
     ),

@@ -46,6 +46,7 @@ STATIONS = 32
 LEFT_UNDONE = 1e-8
 LEAST_NOISE = 1e-10  # of ε: less is no noise
 NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
+MISSES = f"The law misses a trend ({OTHER_LAWS})."
 CURVE = f"The data are a curve without noise: the law misses it ({OTHER_LAWS})."
 LAW_OR_GROUPS = (
     f"The law misses a trend ({OTHER_LAWS}), or other points belong together than those of the "
@@ -282,13 +283,14 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
 
 def _of_residuals(part: MaterialFit, goodness: Goodness, errors: Errors, standardised) -> Found:
     """Whether noise explains how far the points of an observable are from the curve."""
-    misfit, advice, of_curve = None, LAW_OR_GROUPS if errors.shares else "", False
+    misfit, of_curve, has_intervals = None, False, part.objective == "model"
+    advice = (LAW_OR_GROUPS if errors.shares else "") if has_intervals else MISSES
     if errors.is_stated:
         misfit = _misfit(goodness, errors.degrees)
-    elif part.objective == "two-step" and part.rms_empirical is not None:
+    elif not has_intervals and part.rms_empirical is not None:
         misfit = _misfit_about_eq_17(part, part.rms_empirical)
         of_curve = part.rms_empirical < NOISELESS
-    yield "model-misfit", misfit, CURVE if of_curve else ""
+    yield "model-misfit", misfit, CURVE if of_curve else "" if has_intervals else MISSES
     yield "stated-uncertainty", None if misfit else _far_from_stated(goodness, errors)
     if not of_curve:
         yield "residual-runs", runs(errors.velocity, standardised), advice

@@ -10,6 +10,7 @@ import pandas as pd
 
 from calibration import symbols
 from calibration.fitting.request import stated_parameters
+from calibration.options import VALUES_ALONE
 from calibration.output import files_into, write_text
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item, page, terminal
@@ -47,6 +48,7 @@ CONFIDENCE = (
     "Intervals contain the true value in {:g} % of experiments, if the law is right. Where the noise "
     "is estimated, dof is the number of degrees of freedom of Student's t:"
 )
+VALUES = f"{VALUES_ALONE[0].upper()}{VALUES_ALONE[1:]}."
 QUALITY = {  # columns of the goodness of fit
     "dof": "degrees of freedom of the residuals",
     "scatter": "estimated standard deviation of one ε, of Student's t its scale (under `two-step` about Eq. (17))",
@@ -134,7 +136,8 @@ def terminal_report(result: Any, intro: str = "", **more: Any) -> str:
 def result_text(result: Any) -> str:
     """The text that `print` shows: first sentence, estimates, goodness of fit and warnings."""
     of = sections(result)
-    tables = [b for n in ("parameters", "quality", "line") for b in of[n] if b.kind == "table"]
+    names = ("parameters", "quality", "line")
+    tables = [b for n in names for b in of[n] if b.kind == "table" or b.value == VALUES]
     outliers = _optional("list", outlier_lines(result))
     return terminal([*of["result"], *tables, *outliers, *of["verdict"], *of["warnings"]])
 
@@ -142,7 +145,8 @@ def result_text(result: Any) -> str:
 def result_html(result: Any) -> str:
     """The HTML that a notebook shows."""
     of = sections(result)
-    tables = [b for name in ("parameters", "quality") for b in of[name] if b.kind == "table"]
+    names = ("parameters", "quality")
+    tables = [b for n in names for b in of[n] if b.kind == "table" or b.value == VALUES]
     return page([*of["result"], *of["verdict"], *tables, *of["warnings"][1:]])
 
 
@@ -176,6 +180,11 @@ def sections(
             *_optional("list", _meanings(result)),
             *_optional("list", _stated(result), "text", "Priors, bounds and shared parameters:"),
             *_optional("list", methods, "text", CONFIDENCE.format(100 * result.confidence)),
+            *(
+                [Block("text", VALUES)]
+                if any(f.objective == "two-step" for f in result.materials)
+                else []
+            ),
         ],
         "quality": [
             Block("heading", "Goodness of fit"),

@@ -19,10 +19,6 @@ MOST_GROUPS = 20  # rows of the table of their offsets
 ROUNDING = 1e-12  # of ε
 MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
 METHODS = {
-    "sandwich": (
-        "from the stacked estimating equations of both steps of `two-step`, as the same noise "
-        "enters both"
-    ),
     "profile": "where the profile likelihood crosses its threshold; open if it never does",
     "wald": "from the standard error, on the scale of the search",
     "derived": "from the covariance of the fitted parameters",

@@ -29,6 +29,7 @@ from calibration.fitting.problem import DRAG, Element
 from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
 from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.options import require_likelihood
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
 from calibration.symbols import symbol
@@ -289,9 +290,7 @@ def _truth(law: Any, local: Element) -> Any:
 
 def _of_fit(result: FitResult, name: str | None, reach: Column, route: Route) -> Plan:
     material = result.material(name)
-    if material.objective != "model":
-        accepted = 'model: information and designs are those of the likelihood; fit with "model"'
-        raise DataError("objective", material.objective, accepted)
+    require_likelihood(material.objective)
     low, high = material.known_from, material.known_to
     for outside in reach[(reach < low) | (reach > high)][:1]:
         end = f"up to {high:.4g} m/s" if low <= 0 else f"{low:.4g} m/s or more"

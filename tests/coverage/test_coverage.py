@@ -135,22 +135,12 @@ def sensed(random, law, **sensors):
 CONTACTS = {name: pair(name) for name in ("stainless steel", "chrome steel")}
 
 
-def published(name, objective):
-    """Eq. (17), or Zhou's law with ten points below yield, of a material of the paper."""
-    _, chi, sigma, psi, y_end = TRUTH[name]
+def published(name):
+    """Zhou's law with ten points below yield, of a material of the paper."""
+    _, chi, sigma, psi, _ = TRUTH[name]
     contact = CONTACTS[name]
-    if objective == "two-step":
-        y = 1 + np.arange(1, 31) / 30 * (y_end - 1)
-        truth = sj.EmpiricalRestitution(contact.limit_velocity, sigma, psi)
-    else:
-        y, truth = y_values(name), sj.Zhou(contact, chi, sigma, psi)
-    return {
-        "truth": truth,
-        "velocity": y * float(contact.critical_velocity),
-        "law": "zhou",
-        "contact": contact,
-        "objective": objective,
-    }
+    velocity = y_values(name) * float(contact.critical_velocity)
+    return {"truth": sj.Zhou(contact, chi, sigma, psi), "velocity": velocity}
 
 
 DECAY = {"level": 0.93, "rate": 0.03}
@@ -203,9 +193,9 @@ CASES = {
     **{f"bronze drops, student-t, {name}": bronze(STUDENT, **more) for name, more in OUTLIERS.items()},
     "pairs that yield apart": case("zhou", {"chi": 0.4}, lambda random: yielding_apart(random)[0], options=PROFILED),
     **{
-        f"{name}, {objective}, {noise:g}": published(name, objective) | {"noise": noise, "options": PROFILED}
+        f"{name}, {noise:g}": published(name) | {"noise": noise, "options": PROFILED}
         for name in CONTACTS
-        for objective, noise in (("two-step", 0.01), ("model", 0.01), ("model", 0.001))
+        for noise in (0.01, 0.001)
     },
 }  # fmt: skip
 QUICKLY = {"zhou above yield": 25, "velocities of 10 %, zhou": 20, "extra scatter": 40}

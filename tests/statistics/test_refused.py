@@ -76,6 +76,7 @@ LEAST = {
     "sobol": (sobol, {"samples": 2, "resamples": 1, "seed": 0}),
 }  # fmt: skip
 AT_3 = ((information, [3.0]), (design, 3, (0.1, 8.0)))
+ONLY_MODEL = r"`objective` must be model \(intervals come from `model`: `two-step` gives values alone\), but is two-step"
 REFUSED = [
     # fits
     (lambda: fit(optimiser="bfgs"), '`optimiser` must be "l-bfgs"'),
@@ -141,7 +142,7 @@ REFUSED = [
     (lambda: information(sensors={"contact_time": 0}), "must be a positive relative uncertainty, but is 0"),
     (lambda: information(above(), [0.5 * CRITICAL]), f"must be {CRITICAL:.4g} m/s or more, where this fit knows the law"),
     (lambda: information(quick(), [2.0], parameters={"restitution": 0.9}), "`parameters` must be left out"),
-    *((lambda f=f, a=a: f(two_step(), *a), "`objective` must be model: .*but is two-step") for f, *a in AT_3),
+    *((lambda f=f: f(two_step()), ONLY_MODEL) for f in (*(lambda r, f=f, a=a: f(r, *a) for f, *a in AT_3), cal.FitResult.bootstrap, cal.FitResult.leave_one_out, cal.FitResult.posterior)),
     *((lambda f=f, a=a: f(of_several_contacts(), *a), "`contact` must be one for all impacts") for f, *a in AT_3),
     # designs
     (lambda: design(bounds=(2.0, 1.0)), "bounds"),

@@ -140,10 +140,9 @@ def test_an_interval_at_a_bound_knows_as_little_of_the_noise():
     assert (bare.low, bare.high) == (None, None) != result.intervals["chi"]
 
 
-@pytest.mark.parametrize("objective", ["model", "two-step"])
-def test_a_band_is_the_covariance_carried_through_the_curve(objective):
+def test_a_band_is_the_covariance_carried_through_the_curve():
     data = twin("nylon", noise=0.002, seed=3)
-    result = cal.fit(data, objective=objective, profiles=False, **QUICK)
+    result = cal.fit(data, profiles=False, **QUICK)
     velocity, numbers = data.velocity[::5], fit_oracle.numbers(data.contact)
     centre = [result.values[k] for k in NAMES]
     curve = lambda p: fit_oracle.curve(velocity, numbers, *p)  # noqa: E731
@@ -155,7 +154,7 @@ def test_a_band_is_the_covariance_carried_through_the_curve(objective):
     band = result.band(velocity)
     np.testing.assert_allclose(band.coefficient, curve(centre), atol=1e-9)
     np.testing.assert_allclose(band.standard_error, expected, rtol=1e-5)
-    left = len(data) - (2 if objective == "two-step" else 3)
+    left = len(data) - 3
     for level in (0.95, 0.5):
         one = result.band(velocity, confidence=level)
         reach = stats.t.ppf(0.5 + level / 2, left)

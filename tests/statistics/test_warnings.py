@@ -132,8 +132,6 @@ CASES = {
     "data": lambda: (scattered(0.1), scattered(0.0)),
     "several-minima": lambda: (ellipse(3.8), ellipse(4.2)),
     "several-minima, within an interval": lambda: [ellipse(0.5, 0.27, profiles) for profiles in (False, True)],
-    # Eq. (17) is no law of all of stainless steel's curve, and as good as one of chrome steel's
-    "objectives-disagree": lambda: [zhou(n, None, 0.003, stated=True, objective="two-step") for n in (STEEL, CHROME)],
     "unequal-scatter": lambda: (falling(straight(lambda v: v**1.5)), falling(straight(lambda v: 2.0))),
     "plausibility": lambda: (balls(12.7), balls(0.0127)),
 }  # fmt: skip

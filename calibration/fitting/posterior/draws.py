@@ -29,6 +29,7 @@ from calibration.fitting.laws import eps_up_of
 from calibration.fitting.material import Band, MaterialFit
 from calibration.fitting.posterior.density import Density, density_of
 from calibration.fitting.traceable import Traceable, traceable
+from calibration.options import require_likelihood
 from calibration.output import replacing
 
 ACCEPTANCE = 0.9  # that step sizes are adapted to
@@ -63,8 +64,7 @@ def needed(name: str) -> Any:
 
 def check_possible(objective: str | None) -> None:
     """Refuse what was no likelihood, or cannot be sampled without the extra."""
-    if objective == "two-step":
-        raise DataError("objective", "two-step", "model for a posterior: it has a likelihood")
+    require_likelihood(objective)
     for package in ("blackjax", "arviz"):
         needed(package)
 
