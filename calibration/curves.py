@@ -4,8 +4,8 @@ Between two rows of a table a code interpolates linearly. So the table has two r
 jumps, and its header says how far that leaves it from the law.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +48,7 @@ class Source:
 
     `span` and `measured` are ranges of velocity [m/s]: of a curve by default, and of the data;
     `properties` are those of `bodies` by name ("spheres", "unlike spheres", "wall"), None where only
-    the contact is known; `losses` are ε_up, or σ and ψ, of a material predicted by the line.
+    the contact is known.
     """
 
     name: str
@@ -59,7 +59,6 @@ class Source:
     result: Any = None
     draws: Any = None
     line: Any = None
-    losses: Mapping[str, float | None] = field(default_factory=dict)
     remark: str = ""
     fall: Fall | None = None
     measured: tuple[float, float] | None = None
@@ -114,7 +113,7 @@ def curve_of(source: Source, velocity: Velocities, route: Route = None) -> Rows:
     status = np.asarray(hit.status)
     if source.line is not None:
         contact = source.law.contact  # type: ignore[attr-defined]
-        band = source.line.band(contact, velocity, **source.losses)
+        band = source.line.band(contact, velocity)
         return Rows(velocity, band.coefficient, status, band.low, band.high)
     if source.result is None:
         return Rows(velocity, np.asarray(hit.coefficient), status)

@@ -36,7 +36,7 @@ def read_source(arguments: argparse.Namespace) -> Source:
     is_file = bool(Path(arguments.source or "").suffix)
     left_out: tuple[str, ...]
     if arguments.line is not None:
-        left_out = ("fit", "posterior", *OF_LAW)
+        left_out = ("fit", "posterior", "eps_up", "set", *OF_LAW)
         why = "with --line, whose law is Zhou's as it was fitted"
     elif arguments.fit is not None:
         left_out = ("eps_up", "set", *OF_LAW)
@@ -127,12 +127,9 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     remark = f"{printable(entry.name)}: {arguments.source}"
     if arguments.line is not None:
         line, measured = _line(arguments.line)
-        losses = _stated(arguments)
-        _check_names(losses, ("sigma", "psi"), "with --line one")
-        losses["eps_up"] = arguments.eps_up
-        lines = [f"{remark}, by {arguments.line}", *line.remarks(contact, **losses)]
-        first, law, remark = critical, line.law(contact, **losses), "\n".join(lines)
-        more: dict[str, Any] = {"line": line, "losses": losses, "measured": measured}
+        lines = [f"{remark}, by {arguments.line}", *line.remarks(contact)]
+        first, law, remark = critical, line.law(contact), "\n".join(lines)
+        more: dict[str, Any] = {"line": line, "measured": measured}
     else:
         known = {name: p.value for name, p in entry.stated.items() if not p.free}
         known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}

@@ -20,7 +20,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = Fals
         add("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit: the band is theirs")
     text = "of FILE.toml's material by Eq. (18) through the materials of a fit"
     add("--line", metavar="FIT.json", type=Path, help=text)
-    text = "restitution at first yield, in place of sigma (with --line the mean of its materials)"
+    text = "restitution at first yield, in place of sigma"
     add("--eps-up", type=float, metavar="X", help=text)
     add("--material", metavar="NAME", help="which one of a file's or a fit's")
     add("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")

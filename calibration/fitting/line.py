@@ -1,5 +1,6 @@
 """Eq. (18), χ̃ = c1 + c2 E/Y: one line for several materials of Zhou's law, and for the next one.
 
+c1 and c2 are shared parameters of the law, fitted to all curves from where each material ended by itself.
 Materials scatter about the line by more than their errors u explain. With a relative scatter s,
 
     var χ̃_i = u_i² + s² (c1 + c2 x_i)²,    Σ (χ̃_i - c1 - c2 x_i)²/var χ̃_i = n - 2
@@ -9,14 +10,15 @@ gives s (0 where the sum without it is smaller), and for a further material of x
     var χ̃ = (1, x) C (1, x)ᵀ + s² (c1 + c2 x)²
 
 with C that of weighted least squares with these variances (of the fit itself where s is 0 or unknown), and
-Student's t of n - 2. Two materials leave no degree of freedom: s is unknown then. ε_up of the further material, or σ and ψ
-where each fitted material has its own, is as stated, else the mean of the fitted ones (of logit ε_up, ln σ, ln ψ),
-uncertain by their standard deviation, times √(1 + 1/n), with Student's t of n - 1.
+Student's t of n - 2. Two materials leave no degree of freedom: s is unknown then. ε_up of the further material
+is the mean of the fitted ones (of logit ε_up), uncertain by their standard deviation times √(1 + 1/n), with
+Student's t of n - 1.
 
 Source: Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 377 (1982), of s.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -24,23 +26,22 @@ import numpy as np
 from scipy import special
 
 import softjax as sj
-from calibration.data.checks import as_number, checked_confidence, require
+from calibration.data.checks import checked_confidence, require
 from calibration.errors import DataError
-from calibration.fitting.joint import Own, joint_fit
-from calibration.fitting.laws import LINE, eps_up_of, several_yields, sigma_of
+from calibration.fitting.laws import LINE, eps_up_of, sigma_of
 from calibration.fitting.material import Band, Estimate
-from calibration.fitting.request import Request, SetSpec
-from calibration.fitting.stages import ComponentFit, StageFit
+from calibration.fitting.problem import DRAG
+from calibration.fitting.request import Request, SetSpec, assemble
+from calibration.fitting.stages import ComponentFit, StageFit, fit_component
 from calibration.fitting.uncertainty import quantile
+from calibration.parameters import Parameter
 
-PSI = 0.5  # stands in where ε_up is what is known: above yield it acts through ε_up alone
-STEEPEST = 20.0  # ψ at the end of an interval: there is no loss below first yield
+PSI = 0.5  # of a further material: above yield, where its curve is known, ψ acts through ε_up alone
 ROUNDING = 1e-9  # of χ̃: errors below are not used; of ε_up: what is 1; of E/Y: what is one
 TINY = np.finfo(float).tiny
-WIDE = 0.1  # interval of a mean ε_up from which on it is of little use
-# the scales on which errors of the losses are normal, and back
-SCALES = {"eps_up": (special.logit, special.expit)}
-SCALES |= dict.fromkeys(("sigma", "psi"), (np.log, np.exp))
+
+
+Own = tuple[ComponentFit, SetSpec, int]  # of a data set with a χ̃: its fit, its options, its element
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,6 @@ class LineMaterial:
         yield_ratio: E/Y.
         chi, chi_error: χ̃ of its own fit.
         eps_up: ε_up of its own fit.
-        psi: of its own fit; None where it acts through ε_up alone.
     """
 
     name: str
@@ -60,15 +60,14 @@ class LineMaterial:
     chi: float
     chi_error: float | None
     eps_up: float
-    psi: float | None = None
 
 
 class Loss(NamedTuple):
-    """ε_up, σ or ψ of a further material, on its scale of `SCALES`; a stated one has no error."""
+    """logit ε_up of a further material: its mean, its error, and how far its interval goes."""
 
     mean: float
-    error: float = 0.0
-    degrees: float = np.inf  # of freedom, of the error
+    error: float
+    reach: float
 
 
 @dataclass(frozen=True)
@@ -125,6 +124,10 @@ class Line:
         Raises:
             ValueError: where the line gives none that is positive.
         """
+        if not isinstance(contact, sj.Contact) or np.ndim(contact.yield_ratio):
+            raise DataError("contact", contact, "a softjax.Contact of single numbers")
+        if contact.area != self.area:
+            raise DataError("area", contact.area, f"{self.area}, as of the fitted materials")
         return self.at(_ratio(contact), confidence)
 
     def at(self, ratio: float, confidence: float | None = None) -> Estimate:
@@ -146,105 +149,92 @@ class Line:
         low, high = value * np.exp(-reach), value * np.exp(min(reach, 700.0))
         return Estimate(value, error, float(low), float(high), "derived")
 
-    def law(
-        self,
-        contact: sj.Contact,
-        *,
-        eps_up: float | None = None,
-        sigma: float | None = None,
-        psi: float | None = None,
-    ) -> sj.Zhou:
-        """Zhou's law of a further material, with χ̃ of the line.
+    def law(self, contact: sj.Contact) -> sj.Zhou:
+        """Zhou's law of a further material above first yield: χ̃ of the line, and the mean ε_up.
+
+        Where fewer than two materials determine ε_up it is 1: ε is then the plastic part ε_p alone.
 
         Args:
             contact: its bodies, of the area that was fitted with.
-            eps_up: restitution at first yield, or `sigma` of Eq. (17) in its place. Where both are
-                left out, the mean of the fitted materials.
-            psi: of Eq. (17), which acts below first yield; the mean where left out.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
-        losses = self._losses(contact, eps_up, sigma, psi)
-        chi = self.unloading_factor(contact).value
-        return self._law(contact, chi, **{name: loss.mean for name, loss in losses.items()})
+        loss = self._loss(self.confidence)
+        return self._law(contact, self.unloading_factor(contact).value, loss and loss.mean)
 
-    def band(
-        self,
-        contact: sj.Contact,
-        velocity: Any,
-        *,
-        eps_up: float | None = None,
-        sigma: float | None = None,
-        psi: float | None = None,
-        confidence: float | None = None,
-    ) -> Band:
-        """ε(v) of a further material, with what its χ̃, ε_up and ψ are uncertain by.
+    def band(self, contact: sj.Contact, velocity: Any, *, confidence: float | None = None) -> Band:
+        """ε(v) of a further material above first yield, with what its χ̃ and ε_up are uncertain by.
 
-        NaN below first yield where ψ is unknown. The limits are those of each unknown at the
-        ends of its interval, their distances from the curve added in squares.
+        NaN below first yield. The limits are those of χ̃ and of ε_up at the ends of its interval, their
+        distances from the curve added in squares; of ε_p, where no ε_up is known, those of χ̃ alone.
 
         Args:
+            contact: its bodies, of the area that was fitted with.
             velocity: [m/s], any shape.
-
-        The other arguments are those of `law`.
+            confidence: that of the fit where left out.
 
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """
-        losses = self._losses(contact, eps_up, sigma, psi)
         level = self.confidence if confidence is None else checked_confidence(confidence)
         velocity = np.asarray(velocity, float)
         flat = velocity.ravel()
         require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
-        chi = self.unloading_factor(contact, level)
-        centres = {name: loss.mean for name, loss in losses.items()}
+        chi, loss = self.unloading_factor(contact, level), self._loss(level)
+        centre = loss and loss.mean
 
-        def curve(value: float | None = chi.value, **moved: float) -> np.ndarray:
-            law = self._law(contact, value, **centres | moved)
+        def curve(value: float | None, logit: float | None) -> np.ndarray:
+            law = self._law(contact, value, logit)
             with jax.enable_x64(True):
                 return np.asarray(sj.restitution(law, flat).coefficient)
 
-        value = curve()
-        moved = [(curve(chi.low), curve(chi.high), float(quantile(level, self._degrees)))]
-        for name, (mean, error, degrees) in losses.items():
-            if not error:
-                continue
-            reach = float(quantile(level, degrees))
-            most = max(mean, np.log(STEEPEST)) if name == "psi" else np.inf
-            low, high = mean - reach * error, min(mean + reach * error, most)
-            moved.append((curve(**{name: low}), curve(**{name: high}), reach))
-        ends = np.array([np.sort([a, b], axis=0) for a, b, _ in moved])
-        reaches = np.reshape([reach for *_, reach in moved], (-1, 1))
-        errors = np.linalg.norm((ends[:, 1] - ends[:, 0]) / (2 * reaches), axis=0)
-        down, up = np.linalg.norm(np.maximum([value - ends[:, 0], ends[:, 1] - value], 0), axis=1)
-        known = ("psi" in losses) | (flat >= float(np.asarray(contact.critical_velocity)))
-        parts = (value, np.maximum(value - down, 0.0), np.minimum(value + up, 1.0), errors)
+        value = curve(chi.value, centre)
+        moved, reaches = [], []
+        if chi.low is not None:
+            moved.append((curve(chi.low, centre), curve(chi.high, centre)))
+            reaches.append(float(quantile(level, self._degrees)))
+        if loss is not None:
+            step = loss.reach * loss.error
+            moved.append((curve(chi.value, loss.mean - step), curve(chi.value, loss.mean + step)))
+            reaches.append(loss.reach)
+        known = flat >= float(np.asarray(contact.critical_velocity))
+        unknown = np.full(len(flat), np.nan)
+        low, high, errors = unknown, unknown, unknown
+        if moved:
+            ends = np.array([np.sort(pair, axis=0) for pair in moved])
+            size = 2 * np.reshape(reaches, (-1, 1))
+            errors = np.linalg.norm((ends[:, 1] - ends[:, 0]) / size, axis=0)
+            down, up = np.maximum([value - ends[:, 0], ends[:, 1] - value], 0)
+            low = np.maximum(value - np.linalg.norm(down, axis=0), 0.0)
+            high = np.minimum(value + np.linalg.norm(up, axis=0), 1.0)
+        parts = (value, low, high, errors)
         columns = (np.where(known, part, np.nan).reshape(velocity.shape) for part in parts)
         return Band(velocity, *columns)
 
-    def remarks(self, contact: sj.Contact, **stated: float | None) -> list[str]:
-        """Assumptions of a prediction, one in each line; `stated` are the losses, as of `law`."""
+    def remarks(self, contact: sj.Contact) -> list[str]:
+        """What a prediction rests on, one matter in each line."""
         chi, ratio, count = self.unloading_factor(contact), _ratio(contact), len(self.materials)
         scatter, ends = self.scatter, f", {100 * self.confidence:g} % interval {{:.4g}} to {{:.4g}}"
-        known = "" if chi.standard_error is None else ends.format(chi.low, chi.high)
+        known = "" if chi.low is None else ends.format(chi.low, chi.high)
         lines = [f"unloading factor {chi.value:.4g}{known}, by Eq. (18) at E/Y = {ratio:.4g}"]
         of_scatter = "unknown, as two materials leave no degree of freedom"
         if scatter is not None:
             freedom = f"{count} materials, {count - 2} degree{'s' * (count > 3)} of freedom"
             of_scatter = f"{100 * scatter:.2g} % ({freedom})"
         lines.append(f"scatter about the line: {of_scatter}")
-        for name, (mean, error, degrees) in self._losses(contact, **stated).items():
-            if not error:
-                continue
-            reach, plain = float(quantile(self.confidence, degrees)) * error, SCALES[name][1]
-            low, high = plain(mean - reach), plain(mean + reach)
-            text = f"{name} {plain(mean):.4g}{ends.format(low, high)}"
-            advice = f"; wide: state it (--{name})".replace("_", "-") * bool(high - low > WIDE)
-            scale = f"{'logit' if name == 'eps_up' else 'ln'} {name}"
+        loss, above = self._loss(self.confidence), "above first yield"
+        if loss is None:
             lines.append(
-                f"{text}: from the mean of {scale} of the fitted materials and its whole scatter, in "
-                f"which the errors of the fits are{advice}"
+                f"the curve is the plastic part ε_p alone, {above}: fewer than two of the fitted materials "
+                "determine ε_up"
+            )
+        else:
+            step = loss.reach * loss.error
+            mean, low, high = special.expit(loss.mean + np.array([0.0, -step, step]))
+            lines.append(
+                f"the curve is ε, {above}, with ε_up {mean:.4g}{ends.format(low, high)}: the mean of logit "
+                "ε_up of the fitted materials with its whole scatter, in which the errors of the fits are"
             )
         least, most = self.range
         if not least <= ratio <= most:
@@ -261,55 +251,24 @@ class Line:
         c1, c2 = (np.nan if c.value is None else c.value for c in (self.c1, self.c2))
         return c1 + c2 * ratio
 
-    def _losses(self, contact: Any, eps_up=None, sigma=None, psi=None) -> dict[str, Loss]:
-        """The losses of a further material: the stated ones, and the means of the fitted materials."""
-        if not isinstance(contact, sj.Contact) or np.ndim(contact.yield_ratio):
-            raise DataError("contact", contact, "a softjax.Contact of single numbers")
-        if contact.area != self.area:
-            raise DataError("area", contact.area, f"{self.area}, as of the fitted materials")
-        losses = {}
-        for name, value in {"eps_up": eps_up, "sigma": sigma, "psi": psi}.items():
-            if value is not None:
-                most = 1.0 if name == "eps_up" else np.inf
-                accepted = "between 0 and 1" if name == "eps_up" else "a positive number"
-                inside = lambda x, most=most: 0 < x < most  # noqa: E731
-                number = as_number(name, value, inside, accepted)
-                losses[name] = Loss(float(SCALES[name][0](number)))
-        if {"eps_up", "sigma"} <= {*losses}:
-            raise DataError("eps_up", eps_up, "left out with sigma")
-        if "sigma" in losses and "psi" not in losses:
-            raise DataError("psi", "missing", "given with sigma")
-        if not {"eps_up", "sigma"} & {*losses}:
-            losses["eps_up"] = self._mean("eps_up")
-        if "psi" not in losses and len(self._inside("psi")) > 1:  # else unknown below first yield
-            losses["psi"] = self._mean("psi")
-        return losses
+    def _loss(self, confidence: float) -> Loss | None:
+        """logit ε_up of a further material; None where fewer than two materials determine one.
 
-    def _mean(self, name: str) -> Loss:
-        scaled = self._inside(name)
-        count = len(scaled)
+        A law at an end of its range has the least number there is, or rounds to its end.
+        """
+        values = np.array([material.eps_up for material in self.materials], float)
+        logits = special.logit(values[(values > TINY) & (values < 1 - ROUNDING)])
+        count = len(logits)
         if count < 2:
-            accepted = "given: fewer than two fitted materials have one off the ends of its range"
-            raise DataError(name, "missing", accepted)
-        error = float(np.std(scaled, ddof=1)) * (1 + 1 / count) ** 0.5
-        return Loss(float(np.mean(scaled)), error, count - 1.0)
+            return None
+        error = float(np.std(logits, ddof=1)) * (1 + 1 / count) ** 0.5
+        return Loss(float(np.mean(logits)), error, float(quantile(confidence, count - 1)))
 
-    def _inside(self, name: str) -> np.ndarray:
-        """Values of the fitted materials on their scale, without those at an end of the range."""
-        values = np.array([getattr(material, name) for material in self.materials], float)
-        # a law at an open end of its range has the least number there is, or rounds to its end
-        most = 1 - ROUNDING if name == "eps_up" else np.inf
-        return SCALES[name][0](values[(values > TINY) & (values < most)])
-
-    def _law(self, contact: sj.Contact, chi: float | None, **losses: float) -> sj.Zhou:
-        with np.errstate(over="ignore"):
-            values = {name: float(SCALES[name][1](value)) for name, value in losses.items()}
-        psi = values.get("psi", PSI)
+    def _law(self, contact: sj.Contact, chi: float | None, logit: float | None) -> sj.Zhou:
+        eps_up = 1.0 if logit is None else float(special.expit(logit))
         with jax.enable_x64(True):
-            sigma = values.get("sigma")
-            if sigma is None:
-                sigma = float(sigma_of(contact, values["eps_up"], psi))
-            return sj.Zhou(contact, chi=chi, sigma=sigma, psi=psi, **(self.options or {}))
+            sigma = abs(float(sigma_of(contact, eps_up, PSI)))  # 0, not -0, of ε_up = 1
+            return sj.Zhou(contact, chi=chi, sigma=sigma, psi=PSI, **(self.options or {}))
 
 
 def _ratio(contact: sj.Contact | None) -> float:
@@ -363,7 +322,7 @@ def _rows(covariance: np.ndarray) -> tuple[tuple[float, float], tuple[float, flo
 def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit] | None:
     """The line through all materials with a χ̃ of their own; None where these have fewer than two E/Y.
 
-    Fitted to all curves at once, with what else was free. That weighs a material by 1/u² of its χ̃, so its
+    c1 and c2 are fitted to all curves with what else was free. That weighs a material by 1/u² of its χ̃, so its
     scatter about the line moves c1 and c2 as it moves the line of least squares with these weights.
     """
     with_chi, confidence = _with_chi(fits), request.options.confidence
@@ -373,7 +332,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
         return None
     has_noise = _have_noise(materials)
     c, normal, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
-    joint = joint_fit(request, with_chi, x, c)
+    joint = _on_one_line(request, with_chi, c)
     names, specs = [e.name for e in joint.component.elements], joint.component.specs
     places = [names.index(name) for name in LINE]
     values, slope, known = joint.theta[places], joint.slope[places], joint.uncertainty
@@ -404,6 +363,33 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
     return line, joint.final
 
 
+def _on_one_line(request: Request, own: Sequence[Own], c: np.ndarray) -> ComponentFit:
+    """The fit with c1 and c2 for every χ̃, and what else was free, from where each material ended.
+
+    Args:
+        c: c1 and c2 to begin with.
+    """
+    on_line = {name: Parameter(float(value)) for name, value in zip(LINE, c, strict=True)}
+    parameters = []
+    for fit, spec, k in own:
+        elements, limits = fit.component.elements, fit.uncertainty.limits
+        # what is at an end of its range there begins anew
+        z = np.where(limits != 0, fit.component.start, fit.z)
+        theta = fit.final.problem.transform.physical(z)
+        stated = {e.name: e.parameter for e in spec.local if e.parameter.value is not None}
+        for name, place in fit.component.places(elements[k].sets[0]).items():
+            start = {"value": float(theta[place])}
+            stated[name] = elements[place].parameter.model_copy(update=start)
+        stated = {name: value for name, value in stated.items() if name not in ("chi", DRAG)}
+        parameters.append(stated | on_line | dict(spec.model.options))
+    names = {spec.data.name for _, spec, _ in own}
+    datasets = tuple(data for data in request.datasets if data.name in names)
+    options = {"law": "zhou", "starts": 1, "optimiser": "levenberg-marquardt"}
+    joint = replace(request, datasets=datasets, parameters=parameters).with_options(**options)
+    (component,) = assemble(joint)
+    return fit_component(component, joint.options)
+
+
 def _with_errors(values: np.ndarray, covariance: np.ndarray, reach: Any) -> list[Estimate]:
     """c1 and c2 with errors, and intervals of so many of these; none where they are not known."""
     errors = np.sqrt(np.diag(covariance))
@@ -416,14 +402,12 @@ def _material(fit: ComponentFit, spec: SetSpec, k: int) -> LineMaterial:
     g = next(g for g, other in enumerate(fit.component.specs) if other is spec)
     law = fit.final.problem.law_of(fit.theta, g)
     variance = float(fit.uncertainty.covariance[k, k] * fit.slope[k] ** 2)
-    separate = not spec.by_eps_up and not several_yields(spec.data.contact)
     return LineMaterial(
         spec.data.name,
         _ratio(spec.data.contact),
         float(fit.theta[k]),
         variance**0.5 if np.isfinite(variance) else None,
         eps_up_of(law),
-        float(law.psi) if separate else None,
     )
 
 

@@ -305,14 +305,15 @@ def _data_set(fit: Any) -> Item:
 
 
 def _line(line: Any) -> list[Block]:
-    """Coefficients of Eq. (18), fitted to all curves and to the fitted χ̃."""
+    """Coefficients of Eq. (18), fitted to all curves; below, those of a straight line through the fitted χ̃."""
     if line is None:
         return []
-    columns = {
-        "Eq. (18), χ̃ = c1 + c2 E/Y": ["c1", "c2"],
-        "through all curves": [estimate_text(line.c1), estimate_text(line.c2)],
-        "through the fitted χ̃": [estimate_text(line.through_chi[name]) for name in ("c1", "c2")],
+    rows = {
+        "fitted to all curves": vars(line),
+        "straight line through the fitted χ̃": line.through_chi,
     }
+    columns = {"Eq. (18), χ̃ = c1 + c2 E/Y": [*rows]}
+    columns |= {name: [estimate_text(row[name]) for row in rows.values()] for name in ("c1", "c2")}
     text = LINE if len(line.rms) > 2 else LINE_OF_TWO
     if line.scatter and line.has_noise:
         text += (

@@ -231,8 +231,6 @@ def test_law_scatter_and_intervals_are_those_of_weighted_least_squares(six):
     )
     mean = np.mean(np.log(up / (1 - up)))
     assert float(stated) == pytest.approx(1 / (1 + np.exp(-mean)), rel=1e-9)
-    given = line.law(NEXT, sigma=0.7, psi=0.4)
-    assert (float(given.sigma), float(given.psi)) == pytest.approx((0.7, 0.4), rel=1e-14)
     chi, error = (np.array([getattr(m, n) for m in line.materials]) for n in ("chi", "chi_error"))
     mean = c1 + c2 * RATIOS
     variance = error**2 + (line.scatter * mean) ** 2
@@ -262,45 +260,52 @@ def test_law_scatter_and_intervals_are_those_of_weighted_least_squares(six):
 
 
 def test_a_band_is_what_each_unknown_does(six):
-    _, up, result, line = six
-    data = result.material(ALLOYS[2]).data
-    band = line.band(CONTACTS[2], data.velocity, eps_up=float(up[2]))
-    truth = data.restitution
-    assert np.all((band.low - 0.006 < truth) & (truth < band.high + 0.006))
-    chi, law = line.unloading_factor(NEXT), line.law(NEXT, eps_up=0.97)
-    known, wider = line.band(NEXT, V, eps_up=0.97), line.band(NEXT, V)
-
-    def curve(value):
-        other = sj.Zhou(NEXT, value, float(law.sigma), float(law.psi))
-        return np.asarray(sj.restitution(other, V[1:]).coefficient)
-
-    assert np.all(np.isnan([known.coefficient[0], known.low[0], known.high[0]]))
-    np.testing.assert_allclose(known.coefficient[1:], curve(chi.value), rtol=1e-12)
-    np.testing.assert_allclose(known.low[1:], curve(chi.high), rtol=1e-9)
-    np.testing.assert_allclose(known.high[1:], np.minimum(curve(chi.low), 1), rtol=1e-9)
-    assert np.all(wider.high[1:] - wider.low[1:] > known.high[1:] - known.low[1:])
-    below = line.band(NEXT, V, sigma=0.7, psi=0.4).coefficient
-    expected = sj.restitution(line.law(NEXT, sigma=0.7, psi=0.4), V).coefficient
-    np.testing.assert_allclose(below, expected, rtol=1e-12)
-
-
-def test_psi_acts_below_yield_alone_and_a_value_at_its_bound_is_left_out_of_the_mean(six):
-    """σ and ψ, each with its mean, once gave a band from 0 to 1, though every material knew its ε_up."""
+    """χ̃ and ε_up at the ends of their intervals, by hand; NaN below yield."""
     line = six[3]
-    psi = [0.4, 0.9, np.finfo(float).tiny]
-    materials = tuple(
-        replace(one, psi=value) for one, value in zip(line.materials[:3], psi, strict=True)
+    chi, band = line.unloading_factor(NEXT), line.band(NEXT, V)
+    logits = np.array([special.logit(one.eps_up) for one in line.materials])
+    mean, reach = np.mean(logits), stats.t.ppf(0.975, 5) * np.std(logits, ddof=1) * np.sqrt(7 / 6)
+    ratio = float(NEXT.critical_velocity / (NEXT.limit_velocity - NEXT.critical_velocity))
+
+    def curve(chi, logit):
+        law = sj.Zhou(NEXT, chi, -np.log(special.expit(logit)) / np.sqrt(ratio), 0.5)
+        return np.asarray(sj.restitution(law, V[1:]).coefficient)
+
+    value = curve(chi.value, mean)
+    down = np.hypot(value - curve(chi.high, mean), value - curve(chi.value, mean - reach))
+    up = np.hypot(curve(chi.low, mean) - value, curve(chi.value, mean + reach) - value)
+    assert np.all(np.isnan([band.coefficient[0], band.low[0], band.high[0]]))
+    np.testing.assert_allclose(band.coefficient[1:], value, rtol=1e-12)
+    np.testing.assert_allclose(band.low[1:], value - down, rtol=1e-9)
+    np.testing.assert_allclose(band.high[1:], np.minimum(value + up, 1), rtol=1e-9)
+
+
+def test_without_two_known_losses_the_curve_is_the_plastic_part_alone_and_a_sentence_says_so(six):
+    """A material at its bound is left out of the mean; χ̃ alone moves the curve then."""
+    line = six[3]
+    at_one = [
+        replace(one, eps_up=up)
+        for one, up in zip(line.materials, (1.0, 1 - 1e-15, 1.0, 1.0, 1.0), strict=False)
+    ]
+    alone = replace(line, materials=(line.materials[-1], *at_one))
+    two = replace(line, materials=(*line.materials[-2:], *at_one[:-1]))
+    logits = [special.logit(one.eps_up) for one in line.materials[-2:]]
+    ratio = NEXT.critical_velocity / (NEXT.limit_velocity - NEXT.critical_velocity)
+    sigma = -np.log(special.expit(np.mean(logits))) / np.sqrt(float(ratio))
+    assert float(two.law(NEXT).sigma) == pytest.approx(sigma, rel=1e-9)
+    band, law = alone.band(NEXT, V), alone.law(NEXT)
+    plastic = sj.restitution(line.law(NEXT), V).plastic_coefficient
+    for curve in (band.coefficient, sj.restitution(law, V).coefficient):
+        np.testing.assert_allclose(curve[1:], plastic[1:], rtol=1e-12)
+    ends = (
+        sj.restitution(sj.Zhou(NEXT, chi, 0.0, 0.5), V[1:]).coefficient
+        for chi in (alone.unloading_factor(NEXT).high, alone.unloading_factor(NEXT).low)
     )
-    with_psi, without = (replace(line, materials=some) for some in (materials, line.materials[:3]))
-    assert float(with_psi.law(NEXT).psi) == pytest.approx(0.6, rel=1e-12)
-    both, above = with_psi.band(NEXT, V), without.band(NEXT, V)
-    for name in ("coefficient", "low", "high"):
-        np.testing.assert_allclose(getattr(both, name)[1:], getattr(above, name)[1:], rtol=1e-9)
-    assert both.low[0] < both.coefficient[0] < both.high[0]
-    assert np.isnan(replace(line, materials=materials[1:]).band(NEXT, V).coefficient[0])
-    at_one = (materials[0], *(replace(material, eps_up=1 - 1e-15) for material in materials[1:]))
-    with pytest.raises(ValueError, match=r"eps_up.*fewer than two"):
-        replace(line, materials=at_one).law(NEXT)
+    np.testing.assert_allclose([band.low[1:], band.high[1:]], [*ends], rtol=1e-9)
+    assert alone.remarks(NEXT)[2].startswith(
+        "the curve is the plastic part ε_p alone, above first yield"
+    )
+    assert two.remarks(NEXT)[2].startswith("the curve is ε, above first yield, with ε_up 0.9")
 
 
 def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(six, tmp_path):
@@ -310,7 +315,7 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(six, 
     assert line.scatter is None
     remarks = line.remarks(contact)
     assert "scatter about the line: unknown, as two materials" in remarks[1]
-    assert remarks[2].endswith("wide: state it (--eps-up)")
+    assert remarks[2].startswith("the curve is ε, above first yield, with ε_up 0.9")
     covariance = np.array(line.covariance)
     assert covariance[0, 0] == pytest.approx(line.c1.standard_error**2, rel=1e-9)
     found = line.unloading_factor(contact)
@@ -318,9 +323,10 @@ def test_two_materials_leave_no_freedom_and_what_makes_no_sense_is_refused(six, 
     hertz = sj.Contact(**contact.leaves(), area="hertz")
     for call, message in (
         (lambda: line.law(hertz), "`area` must be zhou, as of the fitted materials, but is hertz"),
-        (lambda: line.law(contact, eps_up=1.2), "`eps_up` must be between 0 and 1, but is 1.2"),
-        (lambda: line.law(contact, sigma=0.5), "`psi` must be given with sigma"),
-        (lambda: line.law(contact, eps_up=0.9, sigma=0.5), "`eps_up` must be left out with sigma"),
+        (
+            lambda: line.law(six[2].law["alloy 0"]),
+            "`contact` must be a softjax.Contact of single numbers",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             call()
@@ -373,7 +379,7 @@ def test_names_of_materials_lie_over_no_material(result, tmp_path):
     """Nylon and chrome steel are neighbours on the line."""
     result.save(tmp_path / "fit.json")
     (tmp_path / "next.toml").write_text(TOML, encoding="utf-8")
-    words = ["--line", tmp_path / "fit.json", "--eps-up", 0.98, "--set", "psi=0.5", "--points", 5]
+    words = ["--line", tmp_path / "fit.json", "--points", 5]
     with drawn() as figures:
         assert run("curve", tmp_path / "next.toml", *words, "--out", tmp_path)[0] == 0
     (ax,) = figures["line.png"].axes
@@ -406,7 +412,8 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     printed, error = capsys.readouterr()
     assert "warning: extrapolation: E/Y = 39.28, the fitted materials have 49.1 to 267.8" in printed
     (remark,) = re.findall(
-        r"eps_up (0[.0-9]+), .*?: from the mean of logit eps_up", " ".join(printed.split())
+        r"the curve is ε, above first yield, with ε_up (0[.0-9]+), .*?: the mean of logit ε_up",
+        " ".join(printed.split()),
     )
     logits = [special.logit(m.eps_up) for m in result.unloading_line.materials]
     assert float(remark) == pytest.approx(special.expit(np.mean(logits)), abs=5e-5)
@@ -420,8 +427,8 @@ def test_the_command_draws_the_curve_of_a_material_without_data(six, tmp_path, c
     band = result.unloading_line.band(contact_of(1.5e9), rows[:, 0])
     np.testing.assert_allclose(rows[:, 1:4].T, [band.coefficient, band.low, band.high], rtol=1e-12)
     for more, message in (
-        (["--set", "chi=1"], "`--set` must be with --line one: sigma, psi, but is chi"),
-        (["--eps-up", "2"], "`--eps-up` must be between 0 and 1"),
+        (["--set", "chi=1"], "`--set` must be left out with --line"),
+        (["--eps-up", "0.9"], "`--eps-up` must be left out with --line"),
     ):
         assert cli.main([*words, *more]) == 2
         assert message in capsys.readouterr().err
