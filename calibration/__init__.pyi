@@ -34,4 +34,3 @@ from calibration.studies.inputs import of_law as of_law
 from calibration.studies.inputs import of_spheres as of_spheres
 from calibration.studies.plans import fisher_information as fisher_information
 from calibration.studies.sensitivities import sensitivity as sensitivity
-from calibration.studies.sensitivities import sobol_indices as sobol_indices

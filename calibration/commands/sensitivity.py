@@ -3,14 +3,11 @@
     softjax sensitivity nylon                        # θ ∂ε/∂θ over velocity: table, CSV, pictures
     softjax sensitivity nylon --study information    # how well 30 shots would determine χ̃, σ, ψ
     softjax sensitivity nylon --study design --shots 10 --criterion D --free yield_strength=2e6
-    softjax sensitivity nylon --study global --range chi=0.1:0.4 --range density=1100:1200
     softjax sensitivity --fit results/fit.json --material nylon --study design
-    softjax sensitivity --fit results/fit.json --posterior results/posterior.nc --study design
+    softjax sensitivity --fit results/fit.json --study design --precision 5% --target eps@2
 
 With --fit, information and design add to what the fit determines already, plan points of the kind that
-its data are, and repeat its warnings. A design's shots are in design.csv. With draws of the posterior a
-design is the best on average over some of them.
-"""
+its data are, and repeat its warnings. A design's shots are in design.csv."""
 
 import argparse
 import math
@@ -24,38 +21,35 @@ from calibration.output import files_into, or_printed, write_text
 
 FILES = (
     *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png"),
-    *("design.png", "design.csv", "sobol.png"),
+    *("design.png", "design.csv"),
 )
 PLANS = ("information", "design")
 # option: its studies, type, placeholder of the value, and help text
 OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
     "points": (("local",), int, "N", "of a curve (200)"),
-    "at": (("local", "global"), float, "V", "velocities of bars [m/s]"),
-    "seed": (("design", "global"), int, "N", "default: 0"),
+    "at": (("local",), float, "V", "velocities of bars [m/s]"),
+    "seed": (("design",), int, "N", "default: 0"),
     "uncertainty": (PLANS, float, "U", "of ε (the fit's, or 0.01)"),
-    "sensor": (
-        PLANS,
-        str,
-        "NAME=U",
-        "what else each shot shows, and its relative uncertainty: contact_time=2%",
-    ),
     "shots": (PLANS, int, "N", "planned ones (30)"),
     "free": (PLANS, str, "NAME[=SD]", "a further parameter to fit, known to SD beforehand"),
     "fix": (PLANS, str, "NAME", "one that is not fitted"),
-    "criterion": (("design",), str, "c|D|A|I", "of the design (c)"),
-    "target": (("design",), str, "NAME", "of criterion c (chi, or the first; eps_up)"),
-    "over": (("design",), str, "LOW:HIGH", "where criterion I predicts [m/s]"),
-    "range": (("global",), str, "NAME=LOW:HIGH", "of an input (10 % about each independent one)"),
-    "samples": (("global",), int, "N", "a power of two (4096)"),
-    "scale": (("global",), str, "uniform|log", "default: uniform"),
+    "precision": (("design",), str, "U%", "as few shots as determine the target to this, 5%"),
+    "criterion": (("design",), str, "c|D", "of the design (c)"),
+    "target": (
+        ("design",),
+        str,
+        "NAME",
+        "of criterion c: chi, eps_up, eps@2 [m/s] (chi, or the first)",
+    ),
 }
-REPEATED = ("free", "fix", "range", "sensor")
+REPEATED = ("free", "fix")
 BARS = (0.02, 0.2)  # where bars are drawn by default, next to the highest velocity, in parts of it
 SHOTS = 30
+LOWEST = "Nothing is planned below {:.4g} m/s, where the stated error is 10 % of the reading; --from allows it."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_source_arguments(parser, posterior=True)
+    add_source_arguments(parser)
     add_route_arguments(parser)
     add = parser.add_argument_group("study").add_argument
     add("--study", choices=(*STUDIES, "all"), default="local", help="default: local")
@@ -117,7 +111,7 @@ class _Job:
 
     def __init__(self, arguments: argparse.Namespace):
         from calibration.commands.source import read_source, route_of
-        from calibration.studies.inputs import inputs_of, ranges_of
+        from calibration.studies.inputs import inputs_of
 
         self.arguments = arguments
         self.source, self.route = read_source(arguments), route_of(arguments)
@@ -133,38 +127,37 @@ class _Job:
         middle = max(middle, math.sqrt(first * self.high))
         self.bars = arguments.at or [first, middle, self.high]
         self.inputs = inputs_of(self.source)
-        self.scale = arguments.scale or "uniform"
-        self.seed = 0 if arguments.seed is None else arguments.seed
-        self.ranges = ranges_of(arguments.range, self.scale, self.inputs, self.source)
-        self.fit, draws = self.source.result, self.source.draws
+        self.fit = self.source.result
         self.subject = self.source.law if self.fit is None else self.fit
-        self.draws = [] if draws is None else self.fit.at_draws(draws)
         self.options = _options(arguments, self.source) | {"route": self.route}
         self.contact = getattr(self.source.law, "contact", None)
         self.text = [self.source.remark]
+
+    @property
+    def lowest(self) -> float:
+        """The lowest velocity of a plan [m/s]: where readings of the fit's kind make sense, unless --from is given."""
+        from calibration.studies.plans import lowest_shot
+
+        if self.fit is None or self.arguments.first is not None:
+            return self.low
+        return lowest_shot(self.fit.material(self.source.name), self.low, self.high)
 
 
 def _options(arguments: argparse.Namespace, source: Any) -> dict[str, Any]:
     """The options of information and design: of a fit its own parameters, else the free ones."""
     import calibration as cal
 
-    sensors = {}
-    for text in arguments.sensor or []:
-        name, _, size = (part.strip() for part in text.partition("="))
-        part = _number("--sensor", text, size.removesuffix("%"), "NAME=U, as contact_time=2%")
-        name = "peak_overlap" if name == "penetration" else name.replace("-", "_")
-        sensors[name] = part / (100 if size.endswith("%") else 1)
     if source.result is not None:
         for name in ("free", "fix"):
             if getattr(arguments, name):
                 raise DataError(f"--{name}", "given", "left out with --fit, which has its own")
-        return {"material": source.name, "sensors": sensors}
+        return {"material": source.name}
     parameters = {name: cal.Parameter(free=False) for name in arguments.fix or []}
     for text in arguments.free or []:
         name, sign, deviation = text.partition("=")
         prior = (0.0, _number("--free", text, deviation, "NAME=SD")) if sign else None
         parameters[name] = cal.Parameter(prior=prior)
-    return {"parameters": parameters, "sensors": sensors}
+    return {"parameters": parameters}
 
 
 def _number(option: str, text: str, digits: str, accepted: str) -> float:
@@ -217,18 +210,18 @@ def _information(job: _Job) -> dict[str, Any]:
     """Expected standard errors of equally spaced shots."""
     import numpy as np
 
-    from calibration.report.studies import information_text
+    from calibration.report.studies import wrapped
     from calibration.studies.plans import fisher_information
 
     shots, of_fit = job.arguments.shots, job.fit is not None
     shots = (0 if of_fit else SHOTS) if shots is None else shots
     if shots < (not of_fit):
         raise DataError("--shots", shots, "a whole number of 1 or more, or with --fit of 0 or more")
-    velocity = np.linspace(job.low, job.high, shots)
+    velocity = np.linspace(job.lowest, job.high, shots)
     information = fisher_information(
         job.subject, velocity, job.arguments.uncertainty, **job.options
     )
-    job.text.append(information_text(information))
+    job.text.append(wrapped(str(information)))
     return information.to_dict()
 
 
@@ -237,44 +230,36 @@ def _design(job: _Job) -> dict[str, Any]:
     from calibration.plots import save, studies
     from calibration.report.studies import design_csv, drops_text, wrapped
     from calibration.studies.designs import optimal_velocities
-    from calibration.studies.inputs import both_ends
 
-    arguments, over = job.arguments, job.arguments.over
+    arguments, fall = job.arguments, job.source.fall
     limit = getattr(job.contact, "limit_velocity", math.inf)
+    precision = None
+    if arguments.precision is not None:
+        if arguments.shots is not None:
+            raise DataError("--precision", "given", "left out with --shots")
+        text = arguments.precision
+        precision = _number("--precision", text, text.removesuffix("%"), "U%, as 5%")
+        precision /= 100 if text.endswith("%") else 1
+    shots = SHOTS if arguments.shots is None else arguments.shots
     design = optimal_velocities(
-        job.draws or job.subject,
-        SHOTS if arguments.shots is None else arguments.shots,
-        (job.low, min(job.high, 0.999 * float(limit))),
+        job.subject,
+        shots if precision is None else None,
+        (job.lowest, min(job.high, 0.999 * float(limit))),
         criterion=arguments.criterion or "c",
         target=arguments.target,
-        over=None if over is None else both_ends("--over", over),
+        precision=precision,
         uncertainty=arguments.uncertainty,
-        seed=job.seed,
+        seed=0 if arguments.seed is None else arguments.seed,
         progress=job.progress,
         **job.options,
     )
     save(studies.plot_design(design), job.folder / "design.png")
-    write_text(job.folder / "design.csv", design_csv(design, job.source.fall))
-    count = len(job.draws)
-    average = f"on average over {count} draws of the posterior: " if count else ""
-    drops = "" if job.source.fall is None else f"\n{drops_text(design, job.source.fall)}"
-    job.text.append(wrapped(f"{average}{design}{drops}"))
-    return design.to_dict() | ({"draws": count} if count else {})
+    write_text(job.folder / "design.csv", design_csv(design, fall))
+    lines = [str(design)]
+    lines += [drops_text(design, fall)] if fall is not None else []
+    lines += [LOWEST.format(job.lowest)] if job.lowest > job.low else []
+    job.text.append(wrapped("\n".join(lines)))
+    return design.to_dict()
 
 
-def _sobol(job: _Job) -> dict[str, Any]:
-    """Sobol indices over ranges of the inputs."""
-    from calibration.plots import save, studies
-    from calibration.report.studies import sobol_table
-    from calibration.studies.sensitivities import sobol_indices
-
-    samples, ranges = job.arguments.samples, job.ranges
-    more: dict[str, Any] = {"samples": 4096 if samples is None else samples, "scale": job.scale}
-    more |= {"seed": job.seed, "route": job.route, "progress": job.progress}
-    indices = sobol_indices(job.inputs, ranges.of, job.bars, **more)
-    job.text += [sobol_table(indices), str(ranges)]
-    save(studies.sobol_figure(indices, ranges.assumed), job.folder / "sobol.png")
-    return indices.to_dict() | {"assumed": ranges.assumed, "left_out": ranges.left_out}
-
-
-STUDIES = {"local": _local, "information": _information, "design": _design, "global": _sobol}
+STUDIES = {"local": _local, "information": _information, "design": _design}

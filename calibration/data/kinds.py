@@ -89,6 +89,7 @@ class Kind:
     has_signs: ClassVar = False  # readings before and after are of opposite directions
     limits: ClassVar[Limits]  # of a reading before and one after
     fallen: ClassVar = ""  # what velocities of flights follow from
+    power: ClassVar = 1.0  # of the first reading that the speed goes with, in vacuum
     # of bounces that follow each other:
     span: ClassVar = 0  # rows from the first to the last that a bounce needs
     has_no_zero: ClassVar = False  # an uncertainty in percent means nothing
@@ -171,7 +172,6 @@ class InFlight(Kind):
     is_flight = True
     arrival: ClassVar = ""  # the functions of `calibration.data.air.Air`
     departure: ClassVar = ""
-    power: ClassVar = 1.0  # of the reading that the speed goes with, in vacuum
 
     def in_vacuum(self, reading: Column, gravity: float) -> Column:
         """Speed at the beginning and at the end of a flight [m/s]."""

@@ -310,17 +310,6 @@ class FitResult:
         for material in self.materials:
             require_likelihood(material.objective)
 
-    def at_draws(self, posterior: Any, count: int = 16) -> list["FitResult"]:
-        """This fit at some draws of its posterior, evenly selected, with the laws that a study needs.
-
-            cal.optimal_velocities(result.at_draws(posterior), 10, (0.1, 5.0))
-
-        places shots by the information expected over these draws.
-        """
-        from calibration.fitting.posterior.draws import at_draws
-
-        return at_draws(self, posterior, count)
-
     def searched(self) -> list[ComponentFit]:
         """The searches; a result that was loaded makes them again."""
         return list(self.fits) if self.fits is not None else fitted(self.request)

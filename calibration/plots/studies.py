@@ -1,4 +1,4 @@
-"""Pictures of sensitivities, designs and Sobol indices."""
+"""Pictures of sensitivities and designs."""
 
 from collections.abc import Sequence
 from itertools import cycle
@@ -107,37 +107,6 @@ def plot_design(design: Any, ax: Axes | None = None) -> Axes:
     place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
     ax.legend(frameon=False, fontsize="small", **place)
     return ax
-
-
-def plot_sobol(indices: Any, output: int = 0, ax: Axes | None = None) -> Axes:
-    """Draw first-order and total indices with bootstrap limits."""
-    ax = style.axes_or_new(ax, 3.5)
-    place = np.arange(len(indices.names))
-    kinds = ("first", "first order", style.BLUE), ("total", "total", style.ORANGE)
-    for shift, (name, label, color) in zip((-0.2, 0.2), kinds, strict=True):
-        middle, low, high = (getattr(indices, name + end)[output] for end in ("", "_low", "_high"))
-        reach = np.maximum([middle - low, high - middle], 0)
-        bars: dict[str, Any] = {"color": color, "width": 0.36, "capsize": 2, "ecolor": style.BLACK}
-        ax.bar(place + shift, middle, yerr=reach, label=label, **bars)
-    # the body of "E wall" goes below its letter, to make room for many inputs
-    ax.set_xticks(place, [in_math(letter).replace(" ", "\n") for letter in indices.symbols])
-    ax.axhline(0, color=style.GREY, linewidth=0.6)
-    ax.set_ylabel(r"share of the variance of $\varepsilon$")
-    ax.set_title(f"$v$ = {indices.velocity[output]:.3g} m/s")
-    return ax
-
-
-def sobol_figure(indices: Any, assumed: str = "") -> Figure:
-    """`plot_sobol` of every output with a common scale; `assumed` is the title above all panels."""
-    count = len(indices.first)
-    figure = style.new_figure(2.4 * count + 0.8)
-    axes = list(figure.subplots(count, squeeze=False, sharey=True)[:, 0])
-    for output, ax in enumerate(axes):
-        plot_sobol(indices, output, ax)
-    style.legend_below(figure, axes, 3, ("first order", "total"))
-    if assumed:
-        style.set_title(figure, assumed)
-    return figure
 
 
 def _plot_slopes(ax: Axes, velocity, slopes, labels: Sequence[str]) -> None:

@@ -8,12 +8,10 @@ import pandas as pd
 from calibration import console
 from calibration.curves import status_names
 from calibration.data.air import Fall
-from calibration.errors import listed
 from calibration.fitting.warnings import FitWarning
 from calibration.report.layout import table_text
 from calibration.studies.designs import Design
-from calibration.studies.plans import Information
-from calibration.studies.sensitivities import Sensitivities, SobolIndices
+from calibration.studies.sensitivities import Sensitivities
 
 
 def local_table(sensitivities: Sensitivities) -> str:
@@ -23,38 +21,9 @@ def local_table(sensitivities: Sensitivities) -> str:
     return _table("θ ∂ε/∂θ at v [m/s]", sensitivities.velocity, symbols, cells)
 
 
-def sobol_table(indices: SobolIndices) -> str:
-    """First-order and total indices, an input a line, a velocity a column; what does not rebound."""
-    cells = np.vectorize(lambda a, b: f"{a:z.3f} ({b:z.3f})")(indices.first, indices.total)
-    head = "Sobol indices, first (total) at v [m/s]"
-    table = _table(head, indices.velocity, indices.symbols, cells)
-    still = zip(indices.zeros, indices.velocity, strict=True)
-    shares = listed(f"{100 * share:.3g} % at {v:.4g} m/s" for share, v in still if share)
-    return table + (f"\nSamples that do not rebound, ε = 0: {shares}." if shares else "")
-
-
 def _table(head: str, velocity: np.ndarray, names: Sequence[str], cells: np.ndarray) -> str:
     columns = [head, *(f"{v:.4g}" for v in velocity)]
     return table_text(pd.DataFrame(np.vstack([names, cells]).T, columns=columns))
-
-
-def information_text(information: Information) -> str:
-    """Directions in words, then the standard errors."""
-
-    def shown(error: float | None, unit: float = 1.0) -> str:
-        return "not determined" if error is None else f"{error * unit:.3g}"
-
-    lines = [wrapped(str(information))]
-    parameters = zip(
-        information.symbols, information.truth, information.standard_errors.items(), strict=True
-    )
-    for symbol, value, (name, error) in parameters:
-        now = (
-            "" if information.before is None else shown(information.before[name], abs(value or 1.0))
-        )
-        text = f"expected standard error of {symbol}: {shown(error)}"
-        lines.append(text + (f" (now {now})" if now else ""))
-    return "\n".join(lines)
 
 
 def sensitivities_csv(sensitivities: Sensitivities) -> str:

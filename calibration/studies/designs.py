@@ -1,13 +1,14 @@
 """Designs: the velocities at which further shots determine parameters best.
 
 What a shot adds depends on its velocity alone, so it is tabulated over a grid. Shots are exchanged over
-the grid, one at a time, from several starts, then placed more finely. Several laws, or draws of a
-posterior, stand side by side; the logarithm of the criterion is averaged over them.
+the grid, one at a time, from several starts, then placed more finely.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -40,17 +41,17 @@ from calibration.symbols import symbol
 CRITERIA = {  # what each makes small
     "c": "standard error of ln {target}",
     "D": "geometric mean of the standard errors of ln θ, correlations included",
-    "A": "root mean square of the standard errors of ln θ",
-    "I": "root mean square of the standard error of ε from {low:.4g} to {high:.4g} m/s",
 }
 SPREAD = 112  # velocities of the grid on each of two scales
 NEAR_YIELD = 10.0 ** np.arange(-4, -0.9, 0.25)  # relative distances from yield that the grid has
-CURVE = 128  # velocities over which a predicted curve is averaged
 FINER = 9  # velocities around each shot when it is placed more finely
 REFINEMENTS = 5  # how often that is done
+MOST_SHOTS = 1000  # that are planned for a precision
 BETTER = 1e-10  # least decrease of a log criterion that is worth an exchange
 TOGETHER = 0.01  # relative distance below which shots count as one velocity
 DIFFERENCE = 1e-4  # of θ, of what follows from it
+CURVE = "eps"  # of a target: ε at a velocity, eps@2
+MANY = 64  # shots from which on two starts are enough
 # numbers that follow from the parameters of Zhou's law
 DERIVED = {"eps_up": eps_up_of, "chi": chi_of, "critical_velocity": critical_velocity_of}
 ONE_VELOCITY = (
@@ -66,21 +67,18 @@ class Design(Planned):
 
     Attributes:
         criterion, target: what was made small: "c" the standard error of the target, "D" the
-            determinant of the covariance of ln θ, "A" its mean variance, "I" the mean variance of
-            the predicted curve.
+            determinant of the covariance of ln θ.
         target_symbol: of the target.
         coefficient: ε expected of each shot.
         bounds: v [m/s] within which they were searched for.
-        over: v [m/s] between which criterion "I" predicts the curve.
         minimised: the criterion as a standard error: with the new shots, before them (None where
             nothing was known), and with as many shots equally spaced.
         relative_errors: expected standard error of ln θ with the new shots and what was known
-            before, and of a target that follows from θ; of several laws the root mean square; None
-            for parameters that are not determined.
+            before, and of a target that follows from θ; None for parameters that are not determined.
         equally_spaced: the same for as many shots equally spaced over the bounds.
         gain: the criterion as a standard error (the target's for "c", the geometric mean of all for
             "D") with equally spaced shots over that with these.
-        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p), of the first law.
+        grid, slopes: velocities [m/s], (k,), and θ ∂ε/∂θ there, (k, p).
     """
 
     criterion: str
@@ -88,7 +86,6 @@ class Design(Planned):
     target_symbol: str
     coefficient: Float[np.ndarray, " n"]
     bounds: tuple[float, float]
-    over: tuple[float, float]
     minimised: tuple[float | None, ...]
     relative_errors: Errors
     equally_spaced: Errors
@@ -99,8 +96,7 @@ class Design(Planned):
     @property
     def criterion_in_words(self) -> str:
         """The quantity that the design minimises."""
-        low, high = self.over
-        return CRITERIA[self.criterion].format(target=self.target_symbol, low=low, high=high)
+        return CRITERIA[self.criterion].format(target=self.target_symbol)
 
     @property
     def support(self) -> list[tuple[float, int]]:
@@ -111,10 +107,10 @@ class Design(Planned):
 
     def to_dict(self) -> dict[str, Any]:
         """A dictionary for JSON."""
-        left_out = ("symbols", "target_symbol", "grid", "slopes", "without")
+        left_out = ("symbols", "target_symbol", "grid", "slopes")
         table = {name: value for name, value in vars(self).items() if name not in left_out}
         table["support"] = [{"velocity": v, "shots": n} for v, n in self.support]
-        return plain(table | {"without_sensors": self.without})
+        return plain(table)
 
     def __str__(self) -> str:
         shots = []
@@ -130,59 +126,144 @@ class Design(Planned):
         low, high = self.bounds
         searched = f"Velocities allowed: {low:.4g} to {high:.4g} m/s; planned {self._range}."
         lone = [ONE_VELOCITY] if len(self.support) == 1 else []
-        sensed = self._sensed(self.relative_errors)
-        return "\n".join([text, reached, *lone, searched, *sensed, *self.taken_as_known])
+        return "\n".join([text, reached, *lone, searched, *self.taken_as_known])
 
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """Objective to minimise: the logarithm of a mean variance tr(L C), averaged over the laws.
+    """Objective to minimise: the logarithm of the variance aᵀ C a.
 
     Attributes:
-        weight: L, (laws, p, p); None for D: the geometric mean of the variances, correlations counted.
-        before: A₀, (laws, p, p).
+        aim: a, (p,); None for D: the geometric mean of the variances, correlations counted.
+        before: A₀, (p, p).
     """
 
-    weight: Matrices | None
+    aim: Float[np.ndarray, " p"] | None
     before: Matrices
 
     def value(self, information: Matrices) -> Any:
-        """Its logarithm, of (laws, ..., p, p)."""
+        """Its logarithm, of (..., p, p)."""
         covariance = covariance_of(information)
-        if self.weight is None:
-            level = np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
-        else:
-            level = np.log(np.einsum("lij,l...ij->l...", self.weight, covariance))
-        return np.mean(level, axis=0)
+        if self.aim is None:
+            return np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
+        return np.log(np.einsum("i,...ij,j->...", self.aim, covariance, self.aim))
+
+    def size(self, information: Matrices) -> float:
+        """The criterion as a standard error."""
+        return math.exp(0.5 * float(self.value(information)))
 
     def exchanged(self, shots: Matrices, places: Any) -> tuple[Int[np.ndarray, " n"], float]:
         """Each shot moved to its best place until none moves any more, and the criterion there."""
         places = np.array(places)
-        best = float(self.value(self.before + np.sum(shots[:, places], axis=1)))
+        best = float(self.value(self.before + np.sum(shots[places], axis=0)))
         while True:
             begun = best
             for i in range(len(places)):
-                others = self.before + np.sum(shots[:, np.delete(places, i)], axis=1)
-                values = self.value(others[:, None] + shots)
+                others = self.before + np.sum(shots[np.delete(places, i)], axis=0)
+                values = self.value(others + shots)
                 k = int(np.argmin(values))
                 if values[k] < best - BETTER:
                     places[i], best = k, float(values[k])
             if best >= begun - BETTER:
                 return np.sort(places), best
 
+    def greedy(self, shots: Matrices, size: float) -> Int[np.ndarray, " n"]:
+        """The best shot, and the best further one, until the criterion is of a size; `MOST_SHOTS` at most."""
+        places: list[int] = []
+        information = self.before
+        while len(places) < MOST_SHOTS and not (places and self.size(information) <= size):
+            places.append(int(np.argmin(self.value(information + shots))))
+            information = information + shots[places[-1]]
+        return np.array(places)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The velocities that a design may have, and how the best of them are looked for."""
+
+    plan: Plan
+    rule: Criterion
+    grid: Column
+    starts: int
+    seed: int
+    progress: Progress | None
+
+    @cached_property
+    def shots(self) -> Matrices:
+        """Information of a shot at each velocity of the grid, (k, p, p)."""
+        return self.plan.shots(self.grid)[0]
+
+    def added(self, velocity: Column) -> Matrices:
+        """What is known with shots."""
+        return self.rule.before + np.sum(self.plan.shots(velocity)[0], axis=0)
+
+    def best(self, count: int, first: Any = None) -> Column:
+        """The best shots from all starts: `first`, equally spaced ones, a few velocities drawn at random."""
+        random, grid, ends = np.random.default_rng(self.seed), self.grid, []
+        few = min(count, len(self.plan.names) + 1)
+        even = np.linspace(grid[0], grid[-1], count)
+        starts = [] if first is None else [np.resize(first, count)]
+        starts += [np.clip(np.searchsorted(grid, even), 0, len(grid) - 1)]
+        total = self.starts if count <= MANY else min(2, self.starts)
+        while len(starts) < total:
+            starts.append(np.resize(random.choice(len(grid), few, replace=False), count))
+        for k, start in enumerate(starts[:total]):
+            ends.append(self.rule.exchanged(self.shots, start))
+            if self.progress is not None:
+                self.progress("velocities", k + 1, total)
+        return self._refined(min(ends, key=lambda end: end[1])[0])
+
+    def _refined(self, places: np.ndarray) -> Column:
+        velocity = self.grid
+        for _ in range(REFINEMENTS):
+            chosen, padded = velocity[places], np.pad(velocity, 1, "edge")
+            finer = [np.linspace(padded[k], padded[k + 2], FINER) for k in np.unique(places)]
+            velocity = np.unique(np.concatenate([*finer, chosen]))
+            start = np.searchsorted(velocity, chosen)
+            places, _ = self.rule.exchanged(self.plan.shots(velocity)[0], start)
+        return velocity[places]
+
+    def fewest(self, precision: float) -> Column:
+        """The fewest shots that reach a standard error.
+
+        Raises:
+            DataError: where it is reached without any, or is not by `MOST_SHOTS`.
+        """
+        if np.any(self.rule.before) and (now := self.rule.size(self.rule.before)) <= precision:
+            accepted = f"below {100 * now:.2g} %, which is known already"
+            raise DataError("precision", f"{100 * precision:.4g} %", accepted)
+        places = self.rule.greedy(self.shots, precision)
+        reached = self.rule.size(self.rule.before + np.sum(self.shots[places], axis=0))
+        if reached > precision:
+            ends = f"from {self.grid[0]:.4g} to {self.grid[-1]:.4g} m/s"
+            accepted = f"of what shots {ends} determine"
+            if reached <= NO_BOUND:
+                best = f"{100 * reached:.2g} % or more, the best that"
+                accepted = f"{best} {len(places)} shots {ends} bring"
+            raise DataError("precision", f"{100 * precision:.4g} %", accepted)
+        too_few, enough = 0, len(places)
+        found = self.best(enough, places)
+        while enough - too_few > 1:
+            middle = (too_few + enough) // 2
+            shots = self.best(middle, places)
+            if self.rule.size(self.added(shots)) <= precision:
+                enough, found = middle, shots
+            else:
+                too_few = middle
+        return found
+
 
 def optimal_velocities(
-    law: sj.ContactLaw | FitResult | Sequence[sj.ContactLaw],
-    count: int,
+    law: sj.ContactLaw | FitResult,
+    count: int | None,
     bounds: tuple[float, float],
     *,
     criterion: str = "c",
     target: str | None = None,
+    precision: float | None = None,
     parameters: Mapping[str, Any] | None = None,
     material: str | None = None,
-    over: tuple[float, float] | None = None,
     uncertainty: float | None = None,
-    sensors: Mapping[str, float] | None = None,
     measured: ArrayLike | None = None,
     measured_uncertainty: ArrayLike | None = None,
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
@@ -190,24 +271,23 @@ def optimal_velocities(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Design:
-    """Velocities of `count` further shots that determine the parameters best.
+    """Velocities of further shots that determine the parameters best.
 
     An optimum trusts the law: where it does not fit, what is fitted depends on where one measures,
     and a few shots elsewhere would show it.
 
     Args:
-        law: with the parameters as far as they are known; several laws of one kind, over which the
-            logarithm of the criterion is averaged; or a fit, as `fisher_information` takes it.
+        law: with the parameters as far as they are known; or a fit, as `fisher_information` takes it.
         count: number of new shots, each of a new specimen or launch where these share
-            errors.
+            errors; None with `precision`.
         bounds: (lowest, highest) velocity [m/s] that can be shot.
-        criterion: "c": the standard error of `target`; "D", "A": determinant and trace of the
-            covariance of ln θ; "I": the mean variance of the predicted curve between the
-            velocities `over`.
-        target: a parameter, or a number that follows from them as a fit's table has it, such as
-            eps_up; chi where there is one, else the first parameter, if left out. For c alone.
-        parameters, material, route, sensors: as `fisher_information` takes them.
-        over: where the curve is to be predicted by criterion I; the bounds if left out.
+        criterion: "c": the standard error of `target`; "D": the determinant of the covariance of ln θ.
+        target: a parameter, a number that follows from them as a fit's table has it, such as
+            eps_up, or ε at a velocity: "eps@2" [m/s]; chi where there is one, else the first
+            parameter, if left out. For c alone.
+        precision: relative standard error of the target, in place of `count`: as few shots as reach
+            it, 1000 at most. For c alone.
+        parameters, material, route: as `fisher_information` takes them.
         uncertainty: standard uncertainty of each new ε; 0.01 unless a fit has its own, which is
             that of a point of the same kind as its data at that velocity.
         measured, measured_uncertainty: v [m/s] and uncertainty of ε of what is there already; a
@@ -216,9 +296,14 @@ def optimal_velocities(
         progress: called as progress(stage, done, total).
 
     Raises:
-        ValueError: naming the argument, its value and what is accepted.
+        ValueError: naming the argument, its value and what is accepted; where the precision cannot
+            be reached, with the best there is.
     """
-    for name, value, lowest in (("count", count, 1), ("starts", starts, 1), ("seed", seed, 0)):
+    if (count is None) == (precision is None):
+        raise DataError("count", count, "given, or precision in its place")
+    if count is not None:
+        check_whole("count", count, 1)
+    for name, value, lowest in (("starts", starts, 1), ("seed", seed, 0)):
         check_whole(name, value, lowest)
     if criterion not in CRITERIA:
         raise DataError("criterion", criterion, f"one of {', '.join(CRITERIA)}")
@@ -227,69 +312,71 @@ def optimal_velocities(
         raise DataError("bounds", bounds, "(lowest, highest) velocity above 0 m/s")
     if measured is None and measured_uncertainty is not None:
         raise DataError("measured_uncertainty", measured_uncertainty, "given with measured")
-    for name, argument, acts in (("target", target, "c"), ("over", over, "I")):
-        if argument is not None and criterion != acts:
+    for name, argument in (("target", target), ("precision", precision)):
+        if argument is not None and criterion != "c":
             raise DataError(name, argument, f"left out with criterion {criterion}")
-    if uncertainty is not None and not (np.isfinite(uncertainty) and uncertainty > 0):
-        raise DataError("uncertainty", uncertainty, "positive")
-    over = (low, high) if over is None else both_ends("over", over)
+    for name, size in (("uncertainty", uncertainty), ("precision", precision)):
+        if size is not None and not (np.isfinite(size) and size > 0):
+            raise DataError(name, size, "positive")
     u = USUAL_NOISE if uncertainty is None else uncertainty
     measured_u = u if measured_uncertainty is None else measured_uncertainty
     known = None if measured is None else (measured, measured_u)
-    of: Any = {"parameters": parameters, "route": route, "material": material, "sensors": sensors}
-    laws: Sequence[Any] = law if isinstance(law, Sequence) else [law]
-    if not laws:
-        raise DataError("law", law, "one law or more, or a FitResult")
-    reach = [low, high, *over]
-    plans = [plan_of(law, reach, uncertainty=uncertainty, measured=known, **of) for law in laws]
-    first, even = plans[0], np.linspace(low, high, count)
-    symbols = dict(zip(first.names, first.symbols, strict=True))
+    reach = [low, high, *([] if (at := _velocity_of(target)) is None else [at])]
+    of: Any = {"parameters": parameters, "route": route, "material": material}
+    plan = plan_of(law, reach, uncertainty=uncertainty, measured=known, **of)
+    symbols = dict(zip(plan.names, plan.symbols, strict=True))
     with jax.enable_x64(True):
-        target = _target_of(target, first)
-        aims: dict[str, np.ndarray] = first.aims
-        aims[target] = np.stack([_gradient_of(target, plan) for plan in plans])
-        weight = _weight(criterion, plans, aims[target], over)
-        rule = Criterion(weight, np.stack([plan.before for plan in plans]))
-        grid, search = _grid(plans, low, high), (even, starts, seed, progress)
-        shots = _sought(plans, rule, grid, *search)
-        new, spaced = (rule.before + np.sum(_table(plans, v), axis=1) for v in (shots, even))
-        without = None
-        if first.sensors:
-            bare = [replace(plan, sensors={}) for plan in plans]
-            table = _table(bare, _sought(bare, rule, grid, *search))
-            without = errors_of(rule.before + np.sum(table, axis=1), aims)
-        each = new, rule.before, spaced
+        target = _target_of(target, plan)
+        aims: dict[str, np.ndarray] = plan.aims
+        aims[target] = _gradient_of(target, plan)
+        rule = Criterion(aims[target] if criterion == "c" else None, plan.before)
+        search = Search(plan, rule, _grid(plan, low, high), starts, seed, progress)
+        shots = search.best(count) if count is not None else search.fewest(precision)  # type: ignore[arg-type]
+        even = np.linspace(low, high, len(shots))
+        each = search.added(shots), plan.before, search.added(even)
         after, before, even_errors = (errors_of(information, aims) for information in each)
-        levels = [float(rule.value(information)) for information in each]
-        sizes = [math.exp(0.5 * level) for level in levels]
+        sizes = [rule.size(information) for information in each]
         reached, now, by_even = (size if size <= NO_BOUND else None for size in sizes)
-        is_known = bool(np.any(first.before))
+        is_known = bool(np.any(plan.before))
         return Design(
             criterion=criterion,
             target=target,
-            target_symbol=symbols.get(target, symbol(target).text),
-            names=first.names,
-            symbols=first.symbols,
+            target_symbol=symbols.get(target, _symbol_of(target)),
+            names=plan.names,
+            symbols=plan.symbols,
             velocity=shots,
-            coefficient=first.slopes(shots)[0],
-            uncertainty=np.array(first.shots(shots)[1]),
-            bounds=(float(grid[0]), float(grid[-1])),
-            over=over,
+            coefficient=plan.slopes(shots)[0],
+            uncertainty=np.array(plan.shots(shots)[1]),
+            bounds=(float(search.grid[0]), float(search.grid[-1])),
             minimised=(reached, now if is_known else None, by_even),
             relative_errors=after,
             equally_spaced=even_errors,
             before=before if is_known else None,
             gain=sizes[2] / sizes[0],
-            grid=grid,
-            slopes=first.slopes(grid)[1],
-            taken_as_known=first.taken_as_known,
-            sensors=first.sensors,
-            without=without,
+            grid=search.grid,
+            slopes=plan.slopes(search.grid)[1],
+            taken_as_known=plan.taken_as_known,
         )
 
 
+def _velocity_of(target: str | None) -> float | None:
+    """v [m/s] of a target eps@v; None for others."""
+    name, at, text = (target or "").partition("@")
+    if not at:
+        return None
+    with suppress(ValueError):
+        if name == CURVE and 0 < (velocity := float(text)) < math.inf:
+            return velocity
+    raise DataError("target", target, f"{CURVE}@v with a velocity above 0 m/s, as {CURVE}@2")
+
+
+def _symbol_of(target: str) -> str:
+    velocity = _velocity_of(target)
+    return symbol(target).text if velocity is None else f"ε({velocity:g} m/s)"
+
+
 def _target_of(target: str | None, plan: Plan) -> str:
-    """Its label among the parameters, or its name among `DERIVED`."""
+    """Its label among the parameters, its name among `DERIVED`, or eps@v."""
     free = plan.material.free
     if target is None:
         return free.get("chi", plan.names[0])
@@ -297,15 +384,20 @@ def _target_of(target: str | None, plan: Plan) -> str:
         return free.get(target, target)
     is_zhou = plan.material.model.law_type is sj.Zhou
     follow = [name for name in DERIVED if is_zhou and name not in free]
-    if target in follow:
+    if target in follow or _velocity_of(target) is not None:
         return target
-    raise DataError("target", target, f"one of {listed([*plan.names, *follow])}")
+    raise DataError("target", target, f"one of {listed([*plan.names, *follow])}, or {CURVE}@v")
 
 
 def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, " p"]:
     """∂ ln q/∂ ln θ of a target q, which has the standard error of its product with ln θ."""
     if target in plan.names:
         return (np.array(plan.names) == target).astype(float)
+    if (velocity := _velocity_of(target)) is not None:
+        value, slope = plan.slopes(np.array([velocity]))
+        if not value[0] > 0:
+            raise DataError("target", target, "a velocity at which the law rebounds")
+        return slope[0] / value[0]
     values = plan.material.model.inside(plan.material.values)
 
     def log(name: str, factor: float) -> float:
@@ -320,48 +412,8 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, " p"]:
     return gradient
 
 
-def _weight(criterion: str, plans: Sequence[Plan], aims: np.ndarray, over) -> Matrices | None:
-    """L of each law, or None; see `Criterion`."""
-    if criterion == "D":
-        return None
-    if criterion == "c":
-        return aims[:, :, None] * aims[:, None, :]
-    if criterion == "A":
-        return np.broadcast_to(np.eye(aims.shape[1]) / aims.shape[1], (*aims.shape, aims.shape[1]))
-    curve = np.stack([plan.slopes(np.linspace(over[0], over[1], CURVE))[1] for plan in plans])
-    return np.swapaxes(curve, 1, 2) @ curve / CURVE
-
-
-def _table(plans: Sequence[Plan], velocity: Column) -> Matrices:
-    """Information of a shot at each velocity, (laws, k, p, p)."""
-    return np.stack([plan.shots(velocity)[0] for plan in plans])
-
-
-def _grid(plans: Sequence[Plan], low: float, high: float) -> Column:
+def _grid(plan: Plan, low: float, high: float) -> Column:
     """Velocities between the bounds, equally spaced on two scales, denser around yield."""
-    yields = np.array([yield_velocity(plan.material.law) or 0.0 for plan in plans])
-    near = np.clip(np.outer(yields, [*(1 - NEAR_YIELD), *(1 + NEAR_YIELD)]).ravel(), low, high)
+    yields = yield_velocity(plan.material.law) or 0.0
+    near = np.clip(yields * np.append(1 - NEAR_YIELD, 1 + NEAR_YIELD), low, high)
     return np.unique([*np.linspace(low, high, SPREAD), *np.geomspace(low, high, SPREAD), *near])
-
-
-def _sought(
-    plans: Sequence[Plan], rule: Criterion, grid: Column, even: Column, starts, seed, progress
-):
-    """The best shots from all starts: equally spaced ones, and a few velocities drawn at random."""
-    random, table, ends = np.random.default_rng(seed), _table(plans, grid), []
-    few = min(len(even), len(plans[0].names) + 1)
-    for k in range(starts):
-        start = np.clip(np.searchsorted(grid, even), 0, len(grid) - 1)
-        if k:
-            start = np.resize(random.choice(len(grid), few, replace=False), len(even))
-        ends.append(rule.exchanged(table, start))
-        if progress is not None:
-            progress("velocities", k + 1, starts)
-    places, velocity = min(ends, key=lambda end: end[1])[0], grid
-    for _ in range(REFINEMENTS):
-        chosen, padded = velocity[places], np.pad(velocity, 1, "edge")
-        finer = [np.linspace(padded[k], padded[k + 2], FINER) for k in np.unique(places)]
-        velocity = np.unique(np.concatenate([*finer, chosen]))
-        start = np.searchsorted(velocity, chosen)
-        places, _ = rule.exchanged(_table(plans, velocity), start)
-    return velocity[places]

@@ -1,23 +1,21 @@
-"""The numbers that ε depends on, by name, the law they make, and the ranges they are varied over.
+"""The numbers that ε depends on, by name, and the law they make.
 
 A property of a material acts through the contact that is built of it, so derivatives are taken
 through what builds it.
 """
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain, combinations, product
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
 
 import softjax as sj
-from calibration.errors import DataError, listed
+from calibration.errors import DataError
 from calibration.fitting.laws import eps_up_of, sigma_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
@@ -29,8 +27,6 @@ BODIES = {"spheres": ("", ""), "unlike spheres": ("_1", "_2"), "wall": ("", "_wa
 OF_BODIES = declarations(sj.Material) | declarations(sj.Contact)
 OF_BODIES |= {VELOCITY: Declared("v", "m/s", "velocity")}
 OF_BODIES |= {"eps_up": Declared("ε_up", "-", "restitution", 0.0, 1.0)}
-PART = 0.1  # half-width of a range, relative to the value of the input
-SPREAD = {"uniform": "uniform", "log": "uniform in its logarithm"}
 
 
 @dataclass(frozen=True)
@@ -203,76 +199,3 @@ def both_ends(argument: str, value: Any) -> tuple[float, float]:
             return low, high
     form = "LOW:HIGH" if isinstance(value, str) else "two numbers, (low, high)"
     raise DataError(argument, value, f"{form}, the lower one first")
-
-
-def check_ranges(
-    inputs: Inputs, ranges: Mapping[str, tuple[float, float]], argument: str = "ranges"
-) -> None:
-    """Check that ranges lie inside the declared ones and that laws exist at their ends."""
-    corners: dict[str, list[float]] = {}
-    for name, both in ranges.items():
-        if name not in inputs.values:
-            raise DataError(argument, name, f"of {listed(inputs.values)}")
-        low, high = both_ends(argument, both)
-        declared = inputs.declared(name)
-        if not (declared.lower <= low < high <= declared.upper):
-            accepted = f"ascending, within the range of {declared.accepted}"
-            raise DataError(argument, f"{name} = {low:g} … {high:g}", accepted)
-        # an end that is not accepted itself is never drawn
-        among = [(low, high), (high, low)]
-        corners[name] = [x if declared.holds(x) else math.nextafter(x, y) for x, y in among]
-    for names in chain(combinations(ranges, 1), combinations(ranges, 2)):
-        for ends in product(*(corners[name] for name in names)):
-            moved = dict(zip(names, ends, strict=True))
-            try:
-                inputs.law(**moved)
-            except ValueError as error:
-                point = listed(f"{name} = {x:g}" for name, x in moved.items())
-                accepted = f"such that the law exists everywhere ({error})"
-                raise DataError(argument, point, accepted) from None
-
-
-class Ranges(NamedTuple):
-    """(low, high) by name, a sentence on their origin, and reasons for inputs without a range."""
-
-    of: dict[str, tuple[float, float]]
-    assumed: str
-    left_out: dict[str, str]
-
-    def __str__(self) -> str:
-        """Lines on the assumption, and on the inputs that are not varied."""
-        lines = [f"Assumed: {self.assumed}."]
-        for why in dict.fromkeys(self.left_out.values()):
-            names = listed(name for name, reason in self.left_out.items() if reason == why)
-            lines.append(f"Not varied ({why}): {names}.")
-        return "\n".join(lines)
-
-
-def ranges_of(stated: list[str] | None, scale: str, inputs: Inputs, source: Any) -> Ranges:
-    """Read `name=low:high`, or take ±10 % of every independent input, inside its declared range.
-
-    Parameters that a fit kept fixed are not varied.
-    """
-    ends: dict[str, tuple[float, float]] = {}
-    for text in stated or []:
-        name, _, both = text.partition("=")
-        ends[name.strip().replace("-", "_")] = both_ends("--range", both)
-    left_out, within, build = {}, "over its range", inputs.build
-    if not stated:
-        within = f"within ±{100 * PART:g} % of its value and its own limits"
-        fit = None if source.result is None else source.result.material(source.name)
-        for name, value in inputs.values.items():
-            declared, reach = inputs.declared(name), PART * abs(value)
-            of_contact = isinstance(build, OfLaw) and name not in declarations(type(build.law))
-            if value == 0:
-                left_out[name] = "zero, so that ±10 % is no range"
-            elif value < 0 and scale == "log":
-                left_out[name] = "below zero, without a logarithm"
-            elif fit is not None and name in fit.parameters and not fit.parameters[name].free:
-                left_out[name] = "fixed in the fit"
-            elif of_contact and name.rpartition(".")[2] in ("radius", "mass"):
-                left_out[name] = "radius and mass of a sphere change together"
-            else:
-                ends[name] = max(value - reach, declared.lower), min(value + reach, declared.upper)
-    check_ranges(inputs, ends, "--range")
-    return Ranges(ends, f"each input {SPREAD[scale]} {within}, independently", left_out)

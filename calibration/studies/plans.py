@@ -8,8 +8,8 @@ a height, a pair of velocities, a bounce, an ε with its own uncertainty); see `
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -17,18 +17,17 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 import softjax as sj
-from calibration.data import PointErrors, RestitutionData
-from calibration.data.checks import as_number
+from calibration.data import RestitutionData
 from calibration.data.json_file import plain
-from calibration.errors import DataError, did_you_mean
+from calibration.errors import DataError
 from calibration.fitting.collisions import Route
-from calibration.fitting.curves import STEP, curve_and_slopes, further_variances, like_measured
+from calibration.fitting.curves import curve_and_slopes, further_variances, like_measured
 from calibration.fitting.laws import OF_CONTACT, eps_up_of, numbers_in
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.problem import DRAG, Element
 from calibration.fitting.request import Request
 from calibration.fitting.result import FitResult
-from calibration.observables import OBSERVABLES, RESTITUTION
+from calibration.observables import RESTITUTION
 from calibration.options import require_likelihood
 from calibration.parameters import Parameter, as_parameter
 from calibration.rounding import number
@@ -36,11 +35,9 @@ from calibration.symbols import symbol
 from softjax.fields import numbers_of, options_of, shared_fields
 
 USUAL_NOISE = 0.01  # standard uncertainty of ε unless stated
-UNDETERMINED = 1.0  # relative standard error above which a combination counts as not determined
-NO_BOUND = 100.0  # and from which no number is given for it
+NO_BOUND = 100.0  # relative standard error from which on no number is given
 ALMOST_NOTHING = 1e-6  # prior information on each ln θ: known to a factor e^1000 beforehand
-TAKES_PART = 0.2  # share of a parameter in a direction from which it is named
-ROUNDED = 1.1  # times the error of a direction: that of its product with the exponents as written
+LARGEST_ERROR = 0.1  # of a planned reading, over the reading
 BY_HAND = (
     "to plan elsewhere take the law with values given by hand: `softjax sensitivity FILE.toml "
     "--set chi=… sigma=… psi=… --study design --from …`"
@@ -60,7 +57,6 @@ class Plan:
         before: A₀, (p, p), on ln θ.
         uncertainty: standard uncertainty of a planned ε; None: as the fit's data have it.
         route: from the law to ε.
-        sensors: what else each shot shows, and its relative standard uncertainty.
         result: the fit whose law it is; None without.
     """
 
@@ -68,7 +64,6 @@ class Plan:
     before: Matrices
     uncertainty: Any
     route: Route
-    sensors: Mapping[str, float] = field(default_factory=dict)
     result: FitResult | None = None
 
     @property
@@ -120,11 +115,9 @@ class Plan:
             )
         return tuple(sentences)
 
-    def slopes(
-        self, velocity: Column, observable: str = RESTITUTION
-    ) -> tuple[Column, Float[np.ndarray, "n p"]]:
-        """ε or another observable O, and θ ∂O/∂θ."""
-        value, slope = curve_and_slopes(self.material, velocity, self.route, observable)
+    def slopes(self, velocity: Column) -> tuple[Column, Float[np.ndarray, "n p"]]:
+        """ε and θ ∂ε/∂θ."""
+        value, slope = curve_and_slopes(self.material, velocity, self.route)
         return value, slope * self.unit
 
     def shots(self, velocity: Column) -> tuple[Matrices, Column]:
@@ -134,28 +127,10 @@ class Plan:
             variances = further_variances(self.material, velocity, lambda v: self.slopes(v)[0])
             error = np.sqrt(sum(variances.values()))
             share = self.material.family.information**0.5  # of errors with heavy tails
-        total: Any = 0.0
-        u_v = self._velocity_errors(velocity)
-        for name, u in {RESTITUTION: error, **self.sensors}.items():
-            value, slope = self.slopes(velocity, name)
-            scale = u / share
-            if name != RESTITUTION:
-                down, up = (self.slopes(velocity * (1 + s * STEP), name)[0] for s in (-1, 1))
-                by_velocity = (up - down) / (2 * STEP * velocity)
-                scale = np.hypot(u * np.where(value > 0, value, 1), by_velocity * u_v)
-            row = np.where(value > 0, 1 / scale, 0)[:, None] * slope
-            total = total + row[:, :, None] * row[:, None, :]
-        return total, np.broadcast_to(np.asarray(error, float), velocity.shape)
-
-    def _velocity_errors(self, velocity: Column) -> Any:
-        """Standard uncertainties of planned velocities, like those of the fit's [m/s]."""
-        data = self.material.data
-        of_data = data.velocity_uncertainty
-        if of_data is None:
-            return 0.0
-        errors = PointErrors.alone(len(data), None, of_data)
-        planned = like_measured(errors, data.velocity, of_data, velocity, velocity)
-        return planned.velocity_uncertainty
+        value, slope = self.slopes(velocity)
+        row = np.where(value > 0, share / error, 0)[:, None] * slope
+        information = row[:, :, None] * row[:, None, :]
+        return information, np.broadcast_to(np.asarray(error, float), velocity.shape)
 
 
 def plan_of(
@@ -166,7 +141,6 @@ def plan_of(
     route: Route = None,
     material: str | None = None,
     uncertainty: Any = None,
-    sensors: Mapping[str, float] | None = None,
     measured: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> Plan:
     """The plan for a law, or for one of a fit's materials.
@@ -176,12 +150,6 @@ def plan_of(
         measured: velocities and uncertainties of ε of what is there already, for a law.
         The others are those of `fisher_information`.
     """
-    known, sized, positive = set(OBSERVABLES) - {RESTITUTION}, {}, "a positive relative uncertainty"
-    for name, size in (sensors or {}).items():
-        if name not in known:
-            accepted = f"of {', '.join(n for n in OBSERVABLES if n in known)}"
-            raise DataError("sensors", name, accepted + did_you_mean(name, known))
-        sized[name] = as_number(f"sensors[{name!r}]", size, lambda u: u > 0, positive)
     reach, is_fit = np.asarray(reach, float).ravel(), isinstance(law, FitResult)
     if not is_fit and not isinstance(law, sj.ContactLaw):
         raise DataError("law", law, "a contact law or a FitResult")
@@ -196,7 +164,7 @@ def plan_of(
         else:
             old, size = ((), 1.0) if measured is None else measured
             v, u = checked_impacts(old, size, "measured")
-            plan = _of_law(law, np.append(v, reach), parameters or {}, route, sized)
+            plan = _of_law(law, np.append(v, reach), parameters or {}, route)
             if v.size:
                 information = replace(plan, uncertainty=u).shots(v)[0]
                 plan = replace(plan, before=plan.before + np.sum(information, axis=0))
@@ -211,7 +179,7 @@ def plan_of(
             )
         raise DataError("parameters", "none", accepted)
     uncertainty = plan.uncertainty if uncertainty is None else uncertainty
-    return replace(plan, sensors=sized, uncertainty=uncertainty)
+    return replace(plan, uncertainty=uncertainty)
 
 
 def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike | None, name: str):
@@ -227,15 +195,14 @@ def checked_impacts(velocity: ArrayLike, uncertainty: ArrayLike | None, name: st
     return v, np.broadcast_to(u, v.shape)
 
 
-def _of_law(law: Any, velocity: Column, parameters, route: Route, sensors) -> Plan:
+def _of_law(law: Any, velocity: Column, parameters, route: Route) -> Plan:
     """Parameters as `fit` would take them, of data that have no values yet."""
     for name, value in numbers_of(law).items():
         if np.ndim(value):
             raise DataError(name, f"of shape {np.shape(value)}", "a single number")
     contact, ones = getattr(law, "contact", None), np.ones(len(velocity))
-    columns: dict[str, Any] = {name.replace("residual_", ""): ones for name in sensors}
-    columns["limit_velocity"] = None if contact else getattr(law, "limit_velocity", None)
-    data = RestitutionData(velocity, ones / 2, contact, name="plan", **columns)
+    limit = None if contact else getattr(law, "limit_velocity", None)
+    data = RestitutionData(velocity, ones / 2, contact, name="plan", limit_velocity=limit)
     stated: dict[str, Any] = dict(parameters)
     for name, value in parameters.items():
         is_held = isinstance(value, Parameter) and not value.free and value.value is None
@@ -313,13 +280,29 @@ def covariance_of(information: Matrices) -> Matrices:
 
 
 def errors_of(information: Matrices, aims: Mapping[str, np.ndarray]) -> Errors:
-    """Standard errors of aim · ln θ, over several laws root mean squares; None: not determined."""
+    """Standard errors of aim · ln θ; None: not determined."""
     covariance = covariance_of(information)
-    errors = {
-        name: float(np.sqrt(np.mean(np.einsum("...i,...ij,...j->...", aim, covariance, aim))))
-        for name, aim in aims.items()
-    }
+    errors = {name: float(np.sqrt(aim @ covariance @ aim)) for name, aim in aims.items()}
     return {name: error if error <= NO_BOUND else None for name, error in errors.items()}
+
+
+def lowest_shot(material: MaterialFit, low: float, high: float) -> float:
+    """The lowest velocity of planned shots whose reading is known to 10 % by its stated error [m/s]."""
+    velocity = np.geomspace(high, low, 400)
+    data, rows = material.data, np.flatnonzero(np.isfinite(material.data.restitution))
+    if not rows.size:
+        return low
+    measured = data.errors.some(rows), data.velocity[rows], data.restitution[rows]
+    expected = curve_and_slopes(material, velocity)[0]
+    u_v = like_measured(*measured, velocity, expected, material.timing).velocity_uncertainty
+    if u_v is None:
+        return low
+    share = u_v / (data.errors.measured_by.power * velocity * LARGEST_ERROR)
+    k = int(np.argmax(share > 1))  # the first from above
+    if k == 0:
+        return low
+    ends = slice(k - 1, k + 1)
+    return float(np.exp(np.interp(0.0, np.log(share[ends]), np.log(velocity[ends]))))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -334,9 +317,6 @@ class Planned:
             where nothing is.
         taken_as_known: a sentence for each parameter of the fit that has no standard error, on skewed
             likelihoods, and on the drag of the air.
-        sensors: what else each shot shows, and its relative uncertainty.
-        without: relative errors without the sensors, of a design those of the best one of as many
-            shots; None where there are none.
     """
 
     names: tuple[str, ...]
@@ -345,8 +325,6 @@ class Planned:
     uncertainty: Float[np.ndarray, " n"]
     before: Errors | None
     taken_as_known: tuple[str, ...]
-    sensors: Mapping[str, float]
-    without: Errors | None
 
     @property
     def _range(self) -> str:
@@ -355,19 +333,6 @@ class Planned:
         low, high = ([f"{of(x):.3g}" for x in columns] for of in (np.min, np.max))
         v, u = (a if a == b else f"{a} to {b}" for a, b in zip(low, high, strict=True))
         return f"{v} m/s, standard uncertainty of ε {u}"
-
-    def _sensed(self, errors: Errors) -> list[str]:
-        """Relative errors with sensors and without them, a parameter a line."""
-        if self.without is None:
-            return []
-
-        def text(error: float | None) -> str:
-            return "not determined" if error is None else f"{100 * error:.2g} %"
-
-        shown = ", ".join(f"{name} to {100 * u:.2g} %" for name, u in self.sensors.items())
-        rows = zip(self.symbols, errors.values(), self.without.values(), strict=True)
-        lines = (f"  {symbol}: {text(error)} ({text(other)})" for symbol, error, other in rows)
-        return [f"Relative standard errors with {shown} in each impact (without):", *lines]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -400,29 +365,8 @@ class Information(Planned):
         pairs = zip(self.relative_errors.items(), _unit(self.truth).tolist(), strict=True)
         return {n: None if e is None else unit * e for (n, e), unit in pairs}
 
-    @property
-    def directions(self) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-        """Eigenvalues of the information, the best known direction first, and eigenvectors.
-
-        A column has the exponents of a product of powers of θ; its largest one is positive.
-        """
-        values, vectors = np.linalg.eigh(0.5 * (self.matrix + self.matrix.T))
-        largest = np.argmax(np.abs(vectors), axis=0)
-        vectors = vectors * np.sign(vectors[largest, np.arange(len(values))])
-        return np.maximum(values[::-1], 0), vectors[:, ::-1]
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """Each direction in a sentence, the best known first."""
-        values, vectors = self.directions
-        errors = np.maximum(values, NO_BOUND**-2) ** -0.5
-        factor = errors[:, None] * vectors.T  # FᵀF is the covariance
-        pairs = zip(vectors.T, errors.tolist(), strict=True)
-        return tuple(_sentence(self.symbols, *pair, factor) for pair in pairs)
-
     def to_dict(self) -> dict[str, Any]:
         """A dictionary for JSON; undefined numbers are None."""
-        values, vectors = self.directions
         table = {
             "parameters": dict(zip(self.names, self.truth, strict=True)),
             "velocity": self.velocity,
@@ -430,47 +374,32 @@ class Information(Planned):
             "standard_errors": self.standard_errors,
             "relative_standard_errors": self.relative_errors,
             "information": self.matrix,
-            "eigenvalues": values,
-            "directions": vectors.T,
-            "words": self.words,
             "taken_as_known": self.taken_as_known,
             "before": self.before,
-            "sensors": self.sensors,
-            "without_sensors": self.without,
         }
         return plain(table)
 
     def __str__(self) -> str:
         where = f", {self._range}" if len(self.velocity) else ""
-        head = f"{len(self.velocity)} planned impacts{where}"
-        sensed = self._sensed(self.relative_errors)
-        return "\n".join([head, *sensed, *self.words, *self.taken_as_known])
+        lines = [f"{len(self.velocity)} planned impacts{where}"]
+        of_each = zip(self.symbols, _unit(self.truth), self.relative_errors.items(), strict=True)
+        for letter, unit, (name, error) in of_each:
+            now = "" if self.before is None else f", now {_written(self.before[name], unit)}"
+            lines.append(f"expected standard error of {letter}: {_written(error, unit)}{now}")
+        return "\n".join([*lines, *self.taken_as_known])
+
+
+def _written(error: float | None, unit: float) -> str:
+    """An error, and its share of the value."""
+    if error is None:
+        return "not determined"
+    share = number(100 * error, 2) if error < 1 else f"{100 * error:.0f}"
+    return f"{error * unit:.3g} ({share} %)"
 
 
 def _unit(theta: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
     """|θ|, and 1 where θ = 0."""
     return np.where(theta == 0, 1.0, np.abs(theta))
-
-
-def _sentence(symbols: Sequence[str], direction: np.ndarray, error: float, factor: Any) -> str:
-    """A direction, with as few letters and decimals as leave its error what it is.
-
-    A letter of a small exponent matters where its own error is large.
-    """
-    large = np.where(np.abs(direction) > TAKES_PART, direction, 0.0)
-    tries = [(x.round(k), k) for x, k in ((large, 2), *((direction, k) for k in range(2, 9)))]
-    exponents, decimals = tries[0]
-    if error < UNDETERMINED:
-        enough = (t for t in tries if np.linalg.norm(factor @ t[0]) < ROUNDED * error)
-        exponents, decimals = next(enough, tries[-1])
-    powers = {s: float(x) for s, x in zip(symbols, exponents, strict=True) if x}
-    product = " · ".join(s if x == 1 else f"{s}^{x:.{decimals}f}" for s, x in powers.items())
-    if error < UNDETERMINED:
-        return f"{product} will be known to {100 * error:.2g} %"
-    why = f"standard error of its logarithm {error:.2g}"
-    why = why if error < NO_BOUND else "these impacts have no information on it"
-    together = f" only together: {product}" if len(powers) > 1 else ""
-    return f"{' and '.join(powers)}{together} is not determined ({why})"
 
 
 def fisher_information(
@@ -481,7 +410,6 @@ def fisher_information(
     *,
     parameters: Mapping[str, Any] | None = None,
     material: str | None = None,
-    sensors: Mapping[str, float] | None = None,
 ) -> Information:
     """Fisher information of planned measurements of ε on the parameters of a law.
 
@@ -497,31 +425,21 @@ def fisher_information(
         parameters: which are free, and their priors, as `fit` takes them: {"psi": 0.54} holds ψ,
             {"contact.youngs_modulus": cal.Parameter(prior=(2e11, 1e10))} is a nuisance.
         material: which one of a fit's.
-        sensors: what else each impact is to show, and its relative standard uncertainty, as
-            {"contact_time": 0.02}; of `calibration.observables`. The errors without it are given too.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted.
     """
     v, u = checked_impacts(velocity, uncertainty, "velocity")
-    of: Any = {"parameters": parameters, "route": route, "material": material, "sensors": sensors}
-    plan = plan_of(law, v, uncertainty=u, **of)
+    plan = plan_of(law, v, uncertainty=u, parameters=parameters, route=route, material=material)
     if not (v.size or plan.result):
         raise DataError("velocity", "empty", "one velocity [m/s] or more")
     if not np.all(np.isfinite(v) & (v > 0)):
         raise DataError("velocity", velocity, "positive speeds in m/s")
-
-    def information(plan: Plan) -> tuple[Matrices, Column]:
-        if not v.size:
-            return plan.before, v
+    matrix, error = plan.before, v
+    if v.size:
         with jax.enable_x64(True):
             added, error = plan.shots(v)
-        return plan.before + np.sum(added, axis=0), error
-
-    matrix, error = information(plan)
-    without = None
-    if plan.sensors:
-        without = errors_of(information(replace(plan, sensors={}))[0], plan.aims)
+        matrix = plan.before + np.sum(added, axis=0)
     return Information(
         names=plan.names,
         symbols=plan.symbols,
@@ -531,6 +449,4 @@ def fisher_information(
         matrix=matrix,
         before=errors_of(plan.before, plan.aims) if np.any(plan.before) else None,
         taken_as_known=plan.taken_as_known,
-        sensors=plan.sensors,
-        without=without,
     )

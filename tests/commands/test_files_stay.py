@@ -10,7 +10,7 @@ RESULTS = (
     *("posterior.png", "posterior.nc", "compare.json", "compare.png"),
     *("curve.csv", "curve.png", "curve.txt"),
     *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png", "design.png"),
-    *("design.csv", "sobol.png", "export.json", "export.png", "in.softjax", "softjax_law.h"),
+    *("design.csv", "export.json", "export.png", "in.softjax", "softjax_law.h"),
     *("softjax_lammps.cpp", "build.sh", "softjax_yade.py"),
     *("speed.csv", "speed.png"),
 )
@@ -32,10 +32,6 @@ COMMANDS = {
     "design": (
         (*SENSITIVITY, "--study", "design", "--shots", "2"),
         {"sensitivity.json", "design.png", "design.csv"},
-    ),
-    "global": (
-        (*SENSITIVITY, "--study", "global", "--samples", "16", "--range", "restitution=0.7:0.9"),
-        {"sensitivity.json", "sobol.png"},
     ),
     "c": ((*EXPORT, "--to", "c"), {"export.json", "export.png", "softjax_law.h"}),
     "liggghts": ((*EXPORT, "--to", "liggghts"), {"export.json", "export.png", "in.softjax"}),

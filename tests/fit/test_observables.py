@@ -243,45 +243,6 @@ def test_observables_of_two_sizes_are_drawn_a_curve_each(tmp_path):
     np.testing.assert_allclose(band.coefficient, expected, rtol=1e-9)
 
 
-def test_information_and_designs_count_what_sensors_show():
-    """Contact times of 2 % tell a spring's stiffness to 4 %/√n; ε alone does not tell it."""
-    law, sensors = sj.LinearSpringDashpot(PAIR, 3e6, 0.8), {"contact_time": 0.02}
-    found = cal.optimal_velocities(law, 6, (0.1, 3.0), criterion="D", sensors=sensors)
-    again = cal.fisher_information(law, found.velocity, sensors=sensors)
-    for name, error in again.relative_errors.items():
-        assert found.relative_errors[name] == pytest.approx(error, rel=1e-6)
-    assert found.without["stiffness"] is None
-    assert "K: 1.6 % (not determined)" in str(found)
-    assert found.to_dict()["without_sensors"] == found.without
-    law = sj.LinearSpringDashpot(PAIR, 3e6, 0.8)
-    found = cal.fisher_information(law, SPEEDS, uncertainty=0.01, sensors={"contact_time": 0.02})
-    assert found.relative_errors["stiffness"] == pytest.approx(0.04 / len(SPEEDS) ** 0.5, rel=1e-2)
-    assert found.without["stiffness"] is None
-    assert found.relative_errors["restitution"] <= found.without["restitution"]
-    assert "K: 0.82 % (not determined)" in str(found)
-    # t ∝ E^-2/5 and F ∝ E^2/5 of an elastic contact, whose ε is 1 whatever E is
-    sensors, modulus = {"contact_time": 0.02, "peak_force": 0.05}, "contact.youngs_modulus"
-    parameters = {modulus: cal.Parameter()}
-    hertz = cal.fisher_information(sj.Hertz(PAIR), SPEEDS, sensors=sensors, parameters=parameters)
-    expected = (len(SPEEDS) * ((0.4 / 0.02) ** 2 + (0.4 / 0.05) ** 2)) ** -0.5
-    assert hertz.relative_errors[modulus] == pytest.approx(expected, rel=1e-3)
-    assert hertz.without[modulus] is None
-
-
-def test_planned_sensors_have_the_velocity_errors_of_the_data():
-    """F = (5 M v²/4)^(3/5) k^(2/5) to 1 %, v to 3 %: ln E to 5/2 of 3.7 %, of each impact again."""
-    parts, modulus = np.hypot(0.01, 1.2 * 0.03), "contact.youngs_modulus"
-    force = (1.25 * MASS * V**2) ** 0.6 * float(PAIR.stiffness) ** 0.4
-    force = force * (1 + parts * np.random.default_rng(0).standard_normal(20))
-    of_force = {"peak_force": force, "peak_force_uncertainty": 0.01 * force}
-    data = cal.RestitutionData(V, contact=PAIR, velocity_uncertainty=0.03 * V, **of_force)
-    result = cal.fit(data, "hertz", {modulus: cal.Parameter()}, **QUICK)
-    plan = cal.fisher_information(result, V, sensors={"peak_force": 0.01})
-    expected = [2.5 * parts / n**0.5 for n in (20, 40)]
-    found = [errors[modulus] for errors in (plan.before, plan.relative_errors)]
-    np.testing.assert_allclose(found, expected, rtol=0.02)
-
-
 def test_impacts_may_lack_a_restitution(tmp_path):
     """Eq. (17) is fitted to those that have one, as SciPy fits it; tables count them, pictures show all."""
     random, limit = np.random.default_rng(5), float(PAIR.limit_velocity)

@@ -52,7 +52,7 @@ def information(numbers, folder):
 @scenario
 def designs(numbers, folder):
     law = sj.Zhou(contact(), *LAW)
-    for criterion in ("c", "D", "I"):
+    for criterion in ("c", "D"):
         found = cal.optimal_velocities(law, 8, (0.01, 8.0), criterion=criterion, uncertainty=0.003)
         # the criterion is flat where it is least
         numbers.error(f"{criterion}: velocity", found.velocity, 3 * found.velocity)
@@ -70,17 +70,6 @@ def sensitivities(numbers, folder):
         found = cal.sensitivity(inputs, [0.02, 0.3, 4.0])
         for column in found.names:
             numbers.physics(f"{name}: {column}", found.of(column), least=1e-12)
-
-
-@scenario(long=True)
-def sobol_indices(numbers, folder):
-    """First and total indices by their seed."""
-    ranges = {"chi": (0.9, 1.5), "sigma": (0.7, 1.1), "psi": (0.45, 0.55)}
-    law = sj.Zhou(contact(), *LAW)
-    found = cal.sobol_indices(law, ranges, [0.02, 4.0], samples=256, seed=3, resamples=9)
-    numbers.physics("first", found.first)
-    numbers.physics("total", found.total)
-    numbers.physics("mean, variance", [found.mean, found.variance])
 
 
 DROPS = """

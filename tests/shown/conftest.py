@@ -87,6 +87,6 @@ def compared(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def studied(tmp_path_factory):
-    few = ("--points", "9", "--at", "1", "10", "--shots", "6", "--samples", "64")
+    few = ("--points", "9", "--at", "1", "10", "--shots", "6")
     few += ("--from", "0.1", "--to", "60", "--seed", "2")
     return shown(tmp_path_factory.mktemp("studied"), "sensitivity", "nylon", "--study", "all", *few)

@@ -147,30 +147,6 @@ def test_a_design_shows_where_the_shots_are(studied):
         assert drop == f"{v**2 / (2 * 9.80665):.4g}"
 
 
-def test_indices_stand_side_by_side_with_their_limits(studied):
-    """Bars and limits of sobol.png, and the table's cells, are those of sensitivity.json."""
-    found = json.loads(studied.text("sensitivity.json"))["global"]
-    figure = studied.figures["sobol.png"]
-    head = "Sobol indices, first (total) at v [m/s]"
-    lines = studied.out[studied.out.index(head) :].splitlines()
-    assert cells(lines[0]) == [head, "1", "10"]
-    names = found["inputs"]
-    assert names == list(LETTERS)[:8]
-    for k, ax in enumerate(figure.axes):
-        assert [t.get_text() for t in ax.get_xticklabels()] == [LETTERS[n] for n in names]
-        containers = [c for c in ax.containers if hasattr(c, "patches")]
-        for bars, which in zip(containers, ("first", "total"), strict=True):
-            np.testing.assert_allclose([bar.get_height() for bar in bars], found[which][k])
-            ends = [s[:, 1] for s in bars.errorbar.lines[2][0].get_segments()]
-            value, low, high = (found[f"{which}{end}"][k] for end in ("", "_low", "_high"))
-            limits = np.stack([np.minimum(low, value), np.maximum(high, value)], axis=1)
-            np.testing.assert_allclose(ends, limits, atol=1e-12)
-        pairs = zip(lines[2:10], found["first"][k], found["total"][k], strict=True)
-        for row, first, total in pairs:
-            a, b = (float(x.strip("()")) for x in cells(row)[1 + k].split())
-            assert (a, b) == (pytest.approx(first, abs=6e-4), pytest.approx(total, abs=6e-4))
-
-
 def test_a_wall_and_another_law(tmp_path):
     """Letters of either body; nothing is parted where no yield lies inside."""
     (tmp_path / "a.toml").write_text(f'{BODIES}[material.wall]\nmaterial = "nylon"\n', "utf-8")
@@ -186,18 +162,14 @@ def test_a_wall_and_another_law(tmp_path):
 
 
 def test_the_information_of_planned_shots(studied):
-    """Errors, directions and parameters of sensitivity.json are those of Python; the text has them."""
+    """Errors and parameters of sensitivity.json are those of Python; the text has them."""
     found = json.loads(studied.text("sensitivity.json"))["information"]
     expected = cal.fisher_information(fitted("nylon"), np.linspace(0.1, 60, 6))
     assert found["parameters"] == {"chi": 0.21998, "sigma": 0.4355, "psi": 0.5414}
     np.testing.assert_allclose(found["information"], expected.matrix, rtol=1e-9)
-    values, vectors = np.linalg.eigh(expected.matrix)
-    np.testing.assert_allclose(sorted(found["eigenvalues"]), values, rtol=1e-6, atol=1e-9)
-    alike = np.abs(np.array(found["directions"]) @ vectors)
-    np.testing.assert_allclose(np.sort(alike, axis=None)[-3:], 1, atol=1e-6)
     errors = dict(zip(["χ̃", "σ", "ψ"], expected.standard_errors.values(), strict=True))
     for symbol, error in errors.items():
-        assert f"expected standard error of {symbol}: {error:.3g}\n" in studied.out
+        assert f"expected standard error of {symbol}: {error:.3g} (" in studied.out
 
 
 def test_the_picture_of_a_fits_curve(tmp_path, alloy):

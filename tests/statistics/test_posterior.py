@@ -270,7 +270,7 @@ def draws():
     return drawn(level=(0.92, 0.02), rate=(0.3, 0.04), noise=(0.05, 0.002))
 
 
-def test_a_band_and_fits_at_draws_are_of_the_draws(decay, draws):
+def test_a_band_of_draws_is_of_the_draws(decay, draws):
     rates = values_of(draws, "rate")[:, None]
     curves = values_of(draws, "level")[:, None] * np.exp(-rates * VELOCITY)
     found = decay.band(VELOCITY, confidence=0.8, draws=draws)
@@ -285,12 +285,6 @@ def test_a_band_and_fits_at_draws_are_of_the_draws(decay, draws):
             decay.band(VELOCITY, confidence=confidence, draws=draws)
     with pytest.raises(ValueError, match="`draws` must be of the posterior of this fit"):
         decay.band(VELOCITY, draws=drawn(restitution=(0.9, 0.01)))
-    fits, which = decay.at_draws(draws, 3), [0, 300, 599]
-    for name in ("rate", "level"):
-        found = [getattr(f.law, name) for f in fits]
-        np.testing.assert_array_equal(found, values_of(draws, name)[which])
-    with pytest.raises(ValueError, match="`count` must be a whole number from 1 to 600"):
-        decay.at_draws(draws, 601)
 
 
 def test_the_picture_of_draws_and_of_a_fit_with_a_fixed_level(draws):

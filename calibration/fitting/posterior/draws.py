@@ -11,7 +11,6 @@ import os
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -342,19 +341,3 @@ def band_of_draws(
         return np.mean(curves, axis=0), *ends, np.std(curves, axis=0, ddof=1)
 
     return band_of(material, velocity, kind, parts)
-
-
-def at_draws(result: Any, data: Any, count: int) -> list[Any]:
-    """The fit with the values of evenly selected draws instead of its estimates."""
-    tables = [_labelled(data, list(material.free.values())) for material in result.materials]
-    size = len(tables[0])
-    if not (isinstance(count, int) and 1 <= count <= size):
-        raise DataError("count", count, f"a whole number from 1 to {size}")
-    estimates = []
-    for rows in zip(*(_evenly(table, count).tolist() for table in tables), strict=True):
-        pairs = zip(result.materials, rows, strict=True)
-        moved = (
-            replace(m, values={**m.values, **dict(zip(m.free, x, strict=True))}) for m, x in pairs
-        )
-        estimates.append(replace(result, materials=tuple(moved), fits=None))
-    return estimates
