@@ -48,7 +48,7 @@ class Source:
 
     `span` and `measured` are ranges of velocity [m/s]: of a curve by default, and of the data;
     `properties` are those of `bodies` by name ("spheres", "unlike spheres", "wall"), None where only
-    the contact is known.
+    the contact is known; `gravity` is g where the file states it [m/s²].
     """
 
     name: str
@@ -61,6 +61,7 @@ class Source:
     line: Any = None
     remark: str = ""
     fall: Fall | None = None
+    gravity: float | None = None
     measured: tuple[float, float] | None = None
 
     def extrapolation(self, velocity: Velocities) -> str | None:

@@ -25,6 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tolerance", type=float, default=0.01, metavar="X", help="largest error of ε (0.01)")
     add("--overlap", type=float, metavar="X", help="largest overlap over radius: softer springs")
     add("--steps", type=int, metavar="N", help="time steps in the shortest contact")
+    text = "g [m/s²], whose weight is within the error (default: the file's, else 9.80665); 0: none"
+    add("--gravity", type=float, metavar="G", help=text)
     text = "below the range: the law as it is (none), or the ε of the lowest velocity (hold)"
     add("--below", choices=("none", "hold"), default="none", help=text)
     text = "radii of atom types 1, 2, … [m]"
@@ -48,13 +50,15 @@ def run(arguments: argparse.Namespace) -> int:
 
     sj.enable_x64()
     source = read_source(arguments)
-    names = ("tolerance", "steps", "overlap", "losses", "prefix", "below")
+    names = ("tolerance", "steps", "overlap", "losses", "prefix", "below", "gravity")
     options = {name: getattr(arguments, name) for name in names}
     options["velocity_range"] = arguments.range and both_ends("--range", arguments.range)
     if source.result is None:
         known = source.properties or {}
         radii = [known[name] for name in ("radius", "radius_1", "radius_2") if name in known]
         options["velocity_range"] = options["velocity_range"] or source.span
+        if arguments.gravity is None:
+            options["gravity"] = source.gravity
         options |= {"radius": min(radii, default=None), "on_wall": source.bodies == "wall"}
     made = export(
         source.law if source.result is None else source.result,

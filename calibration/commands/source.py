@@ -137,6 +137,7 @@ def _of_file(arguments: argparse.Namespace) -> Source:
         name = arguments.law or file.settings.get("law", "zhou")
         first, law = DECADES_BELOW_YIELD * critical, _law(arguments, name, contact, known, free)
         more = {"fall": None if data is None else data.fall}
+    more |= {"gravity": entry.table.gravity}
     return Source(entry.name, law, (first, last), properties, bodies, remark=remark, **more)
 
 

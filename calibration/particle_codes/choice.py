@@ -4,14 +4,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 import softjax as sj
 from calibration.errors import DataError, InputError, did_you_mean, listed
 from calibration.fitting.laws import LAWS
 from calibration.particle_codes import codes, surrogates
 from calibration.particle_codes.c_table import FORMULAS, table_of
-from calibration.particle_codes.steps import NONE, Steps, hold_error, steps_within
+from calibration.particle_codes.steps import (
+    NONE,
+    Contact,
+    Steps,
+    hold_error,
+    steps_within,
+    weight_error,
+)
 from calibration.particle_codes.target import (
     Impacts,
     Target,
@@ -37,8 +42,9 @@ class Choice:
     """A law for a code, with the contact's own stiffness, and its impacts over the target velocities.
 
     `error` is the largest difference of its ε from the target, without steps, whose count is 0 where
-    there is no room for their error; overlaps and durations in the code are `softening_factor` times
-    the law's; `hold` is the fraction of critical damping for ε below the range, 0 without.
+    there is no room for their error, and `weight` the largest that gravity makes; `of_pairs` are the impacts of
+    the pairs of the target. Overlaps and durations in the code are `softening_factor` times the law's, and
+    `impacts` those in the code; `hold` is the fraction of critical damping for ε below the range, 0 without.
     """
 
     key: str
@@ -47,7 +53,9 @@ class Choice:
     backend: codes.Backend
     softening_factor: float
     impacts: Impacts
+    of_pairs: tuple[Impacts, ...]
     error: float
+    weight: float
     steps: Steps
     table: dict[str, Any] | None
     hold: float
@@ -55,8 +63,8 @@ class Choice:
 
     @property
     def total(self) -> float:
-        """The largest error of ε, steps included."""
-        return self.error + self.steps.error
+        """The largest error of ε, steps and weight included."""
+        return self.error + self.weight + self.steps.error
 
 
 def choose(target: Target, to: str) -> tuple[Choice, list[Choice]]:
@@ -70,10 +78,13 @@ def choose(target: Target, to: str) -> tuple[Choice, list[Choice]]:
         tried.append(_tried(key, target, codes.BACKENDS[to][key]))
         if tried[-1].total <= target.options.tolerance:
             return tried[-1], tried
-    best = min(tried, key=lambda choice: (choice.total, choice.error))
-    needed = best.total if best.steps.count else best.error / (1 - ROOM)
+    best = min(tried, key=lambda choice: (choice.total, choice.error + choice.weight))
+    needed = best.total if best.steps.count else (best.error + best.weight) / (1 - ROOM)
     problem = f"no law meets the tolerance {target.options.tolerance:g}: the best is {best.label}"
-    raise InputError(None, None, problem, f"try --tolerance {1.01 * needed:.3g}")
+    accepted = f"try --tolerance {1.01 * needed:.3g}"
+    if best.weight > best.error:
+        accepted += f" (the weight adds {best.weight:.2g}; --gravity 0 leaves it out)"
+    raise InputError(None, None, problem, accepted)
 
 
 def _keys(target: Target, to: str) -> list[str]:
@@ -115,6 +126,8 @@ def _refusals(key: str, target: Target, backend: codes.Backend) -> Iterator[tupl
         yield "a table of forces is for one pair of sizes", accepted
     if options.sizes and backend.of_mass and not backend.lines_of_pairs:
         yield f"the damping of {key} is for one mass there", "--export-law hertz-dashpot"
+    if options.sizes and backend.from_loading:
+        yield f"the growth of {key}'s k2 is for one size there", "--export-law hertz-dashpot"
 
 
 def can_hold(key: str, law: sj.ContactLaw, backend: codes.Backend) -> bool:
@@ -131,36 +144,38 @@ def _tried(key: str, target: Target, backend: codes.Backend) -> Choice:
     if key != codes.EXACT:
         law = surrogates.surrogate_of(key, target, backend.from_loading)
     impacts = impacts_of(law, velocity, options.losses)
-    error = float(np.max(np.abs(impacts.coefficient - target.restitution)))
-    table = None
+    contacts = [Contact(law, impacts, target.restitution)]
+    for pair in target.pairs:
+        of_pair, asked = (with_contact(of, pair.contact) for of in (law, target.law))
+        requested = restitution_of(asked, velocity, options.losses)
+        contacts.append(Contact(of_pair, impacts_of(of_pair, velocity, options.losses), requested))
+    error, table = max(contact.error for contact in contacts), None
     if backend.name == codes.HEADER and type(law) not in FORMULAS:
         table, interpolation = table_of(law, impacts, options.losses)
         error += interpolation
-    shortest = unscaled = float(np.min(impacts.duration))
-    for *_, contact in target.pairs:
-        of_pair = impacts_of(with_contact(law, contact), velocity, options.losses)
-        requested = restitution_of(with_contact(target.law, contact), velocity, options.losses)
-        error = max(error, float(np.max(np.abs(of_pair.coefficient - requested))))
-        shortest = min(shortest, float(np.min(of_pair.duration)))
+    factor = _softening_factor(impacts, target)
+    # times and lengths in the code are `factor` times those of the law, accelerations 1/`factor`
+    weight = weight_error(contacts, factor * target.gravity)
     is_held = options.below == "hold" and key not in codes.CONSTANT
-    steps, room = NONE, options.tolerance - error
+    steps, room = NONE, options.tolerance - error - weight
     if options.steps is not None or room >= ROOM * options.tolerance:
         fewest = max(backend.fewest, codes.DAMPED * is_held)
-        steps = steps_within(law, impacts, room, fewest, options.steps, backend.scheme_error)
+        steps = steps_within(contacts, room, fewest, options.steps, backend.scheme_error)
     hold = off = 0.0
     if is_held and steps is not NONE:
         hold = float(held_fraction(impacts.coefficient[0]))
-        off = hold_error(law, impacts, hold, steps.step)
-    factor = _softening_factor(impacts, target)
+        off = hold_error(contacts, hold, steps)
     return Choice(
         key,
         LABELS.get(key, f"{type(target.law).__name__}'s law, exact"),
         law,
         backend,
         factor,
-        replace(impacts, peak=factor * impacts.peak, duration=factor * impacts.duration),
+        impacts.softened(factor),
+        tuple(contact.impacts.softened(factor) for contact in contacts[1:]),
         error,
-        replace(steps, step=steps.step * factor * shortest / unscaled),
+        weight,
+        replace(steps, step=steps.step * factor),
         table,
         hold,
         off,

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 INPUT, HEADER = "input", "header"  # how a code takes a law: by what it has, or by generated source
 HOW = {INPUT: "by the code's own models, as input lines", HEADER: "by C source for the code"}
+PLUGINS = ("lammps",)  # codes that load a library around the header
 EXACT = "exact"  # the law itself
 CONSTANT = "linear", "hertz-dashpot"  # the same ε at all velocities
 

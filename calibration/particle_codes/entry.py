@@ -14,8 +14,8 @@ from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 from calibration.output import check_writable, files_into, write_text
 from calibration.particle_codes.choice import choose
-from calibration.particle_codes.codes import BACKENDS
-from calibration.particle_codes.files import INPUTS, PLUGIN, files_of
+from calibration.particle_codes.codes import BACKENDS, HEADER, PLUGINS
+from calibration.particle_codes.files import INPUTS, LIBRARY, PLUGIN, files_of
 from calibration.particle_codes.report import Export
 from calibration.particle_codes.target import ExportOptions, target_of
 from calibration.plots import style
@@ -39,6 +39,7 @@ def export(
     types: tuple[int, int] | None = None,
     below: str = "none",
     sizes: tuple[float, ...] | None = None,
+    gravity: float | None = None,
 ) -> Export:
     """Write a law for a particle code, the cheapest one that keeps a tolerance of ε.
 
@@ -68,6 +69,8 @@ def export(
             there; or "hold", the ε of the lowest velocity, by a dashpot inside the largest overlap.
         sizes: radii [m] of the types of atoms 1, 2, … of the scene, all of this material: the tolerance
             holds for all their pairs, and damping that depends on the mass is written for each.
+        gravity: g [m/s²] of the scene, whose weight is within the stated error; 0: there is none. That of measured
+            heights, else 9.80665, where left out.
 
     Returns:
         An `Export`; it prints itself.
@@ -83,13 +86,15 @@ def export(
     """
     options = ExportOptions(
         *(material, velocity_range, tolerance, law, steps, overlap, radius, on_wall),
-        *(losses, prefix, types, below, sizes),
+        *(losses, prefix, types, below, sizes, gravity),
     )
     _check(to, options)
     check_writable(out)
     with jax.enable_x64(True):
         target = target_of(result_or_law, options)
         made = Export(to, target, *choose(target, to))
+        if made.choice.backend.name == HEADER and to in PLUGINS:
+            made = dataclasses.replace(made, stale=(Path(out) / LIBRARY).exists())
         files = files_of(made)
     name = "export" if prefix == "softjax" else f"export_{prefix}"  # several laws in one folder
     report, picture = f"{name}.json", f"{name}.png"
@@ -109,6 +114,7 @@ def _check(to: str, options: ExportOptions) -> None:
     if to not in BACKENDS:
         raise DataError("to", to, listed(BACKENDS))
     steps, prefix, types, radius = options.steps, options.prefix, options.types, options.radius
+    gravity = options.gravity
     two = types is None or (len(types) == 2 and all(isinstance(t, int) and t > 0 for t in types))
     is_whole = steps is None or (type(steps) is int and steps >= 2)
     named = prefix == "softjax" or to in ("c", "lammps")
@@ -121,6 +127,7 @@ def _check(to: str, options: ExportOptions) -> None:
         ("types", not (types and options.sizes), "left out with sizes, of types 1, 2, …"),
         ("types", types is None or to == "lammps", f"left out with {to}"),
         ("types", two, "two types of atoms, such as 1 2"),
+        ("gravity", gravity is None or 0 <= gravity < math.inf, "an acceleration in m/s², or 0"),
         ("radius", radius is None or 0 < radius < math.inf, "a positive length in m"),
     ):
         if not good:

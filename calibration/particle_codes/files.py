@@ -5,15 +5,20 @@ takes at run time: one serves all sizes of a pair of materials.
 """
 
 import math
+import re
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import softjax as sj
 from calibration.errors import InputError
 from calibration.particle_codes.c_table import FORMULAS
 from calibration.particle_codes.codes import HEADER
 from calibration.particle_codes.report import Export
+from calibration.particle_codes.steps import held_below
 from calibration.particle_codes.surrogates import softened
 from calibration.particle_codes.target import number_of, with_contact
 from softjax.fields import numbers_of
@@ -21,6 +26,7 @@ from softjax.laws.dashpots import damping_fraction
 from softjax.many_body import end_of
 
 PLUGIN = {"softjax_lammps.cpp": "lammps.cpp", "build.sh": "build.sh"}
+LIBRARY = "softjaxplugin.so"  # that build.sh makes
 # templates of input lines by code, and the name of the file; a header is PREFIX_law.h
 INPUTS = {
     "lammps": ("in.script", "in.{}"),
@@ -34,13 +40,19 @@ BEYOND = 2.0  # the overlap up to which k2 grows from k1, over the largest of th
 def files_of(export: Export) -> dict[str, str]:
     """The files of an export by name."""
     choice, options, target = export.choice, export.options, export.target
-    plugin = choice.backend.name == HEADER
-    files = {f"{options.prefix}_law.h": _header(export)} if plugin else {}
+    plugin, name_of_law = choice.backend.name == HEADER, ""
+    files = {}
+    if plugin:
+        files[f"{options.prefix}_law.h"] = header = _header(export)
+        name_of_law = name_in(header)
     if export.to not in INPUTS:
         return files
     pairs = {" ".join(map(str, options.types or ("*", "*"))): choice.law}
     if choice.backend.of_mass and target.pairs:
-        pairs = {f"{i} {j}": with_contact(choice.law, contact) for i, j, contact in target.pairs}
+        pairs = {
+            "{} {}".format(*pair.types): with_contact(choice.law, pair.contact)
+            for pair in target.pairs
+        }
     law: dict[str, float] = {}
     if plugin:
         files |= {name: rendered(template) for name, template in PLUGIN.items()}
@@ -53,6 +65,7 @@ def files_of(export: Export) -> dict[str, str]:
         raise InputError(None, None, problem, f"above {LEAST}, or --export-law linear")
     template, name = INPUTS[export.to]
     values = {"plugin": plugin, "prefix": options.prefix, "pairs": pairs, "law": law, "pi": math.pi}
+    values |= {"name_of_law": name_of_law}
     return {name.format(options.prefix): rendered(template, export=export, **values), **files}
 
 
@@ -72,7 +85,7 @@ def numbers_of_input(export: Export, law: Any) -> dict[str, float]:
         return numbers | {"damping": 2 * modulus * number_of(law.dissipation_time) / mass}
     if isinstance(law, sj.WaltonBraun):
         stiffness = number_of(law.loading_stiffness)
-        end = BEYOND * export.overlap * export.target.radius  # of the growth of k2 [m]
+        end = BEYOND * float(np.max(export.choice.impacts.peak))  # of the growth of k2 [m]
         growth = 1 + number_of(law.growth) * end
         scale = 16 / 15 * math.sqrt(radius) * modulus
         return numbers | {
@@ -99,11 +112,21 @@ def _header(export: Export) -> str:
         "law.h",
         **(_values(law, export.options.losses) if table is None else table),
         export=export,
+        held_below=held_below(export.target.range[0], export.choice.steps.count),
         name=FORMULAS.get(type(law), "table.h"),
         kind=type(law).__name__,
         end=None if isinstance(law, sj.RateIndependentLaw) else end_of(law),
     )
-    return text.replace("softjax_", f"{prefix}_").replace("SOFTJAX_", f"{prefix.upper()}_")
+    text = text.replace("prefix softjax:", f"prefix {prefix}:")
+    text = text.replace("softjax_", f"{prefix}_").replace("SOFTJAX_", f"{prefix.upper()}_")
+    acting = text.partition("*/")[2] + rendered(PLUGIN["softjax_lammps.cpp"])
+    return text.replace("@hash@", sha256(acting.encode()).hexdigest()[:8])
+
+
+def name_in(header: str) -> str:
+    """The name of a law, with the hash of its numbers and its source, that no other one answers to."""
+    (name,) = re.findall('_LAW "([a-z0-9_]+)"', header)
+    return name
 
 
 def _values(law: Any, losses: bool) -> dict[str, Any]:

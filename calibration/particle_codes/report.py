@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version as version_of
 from typing import Any
 
@@ -10,20 +11,30 @@ import numpy as np
 import softjax as sj
 from calibration.errors import printable
 from calibration.particle_codes.choice import Choice, can_hold
-from calibration.particle_codes.codes import CONSTANT, HOW
+from calibration.particle_codes.codes import CONSTANT, HEADER, HOW, PLUGINS
 from calibration.particle_codes.target import (
     POINTS,
     ExportOptions,
     Target,
     coefficient_of,
+    impacts_of,
     number_of,
 )
 from calibration.rounding import number
 from softjax.fields import numbers_of, options_of
 
+DEVIATIONS = {"contact time": "duration", "largest overlap": "peak", "peak force": "force"}
+SMALL = 0.005  # a deviation that is not stated
 DEEP = 0.1  # of the radius: contact laws are for small overlaps
 SLACK = 1e-3  # of a velocity: text rounds
 SCENES: dict[bool | None, str] = {True: "a ball on a flat wall", False: "two balls"}
+WALL_ALONE = {  # by code and law, what its file of a wall does to balls
+    (
+        "yade",
+        "hertz-dashpot",
+    ): "For walls alone: YADE takes a wall for a ball as large as the other, for which the modulus "
+    "is √2 times larger; two balls would be as much too stiff.",
+}
 SLOWER, NEARLY_ELASTIC = 10.0, 0.98  # below the range, and an ε that leaves beds bouncing
 
 
@@ -37,6 +48,7 @@ class Export:
         choice: the law that the code gets, its impacts and its time step.
         tried: all laws that were tried, in the order of their cost.
         files: names of the files.
+        stale: whether a plugin of an earlier export is in the folder.
     """
 
     to: str
@@ -44,6 +56,7 @@ class Export:
     choice: Choice
     tried: list[Choice]
     files: tuple[str, ...] = ()
+    stale: bool = False
 
     @property
     def law(self) -> sj.ContactLaw:
@@ -57,8 +70,10 @@ class Export:
 
     @property
     def overlap(self) -> float:
-        """The largest overlap in the code over the radius."""
-        return float(np.max(self.choice.impacts.peak)) / self.target.radius
+        """The largest overlap in the code over the radius, of all pairs."""
+        pairs = zip(self.target.pairs, self.choice.of_pairs, strict=True)
+        shares = [float(np.max(impacts.peak)) / pair.smaller for pair, impacts in pairs]
+        return max(float(np.max(self.choice.impacts.peak)) / self.target.radius, *shares, 0.0)
 
     @property
     def time_step(self) -> float:
@@ -71,6 +86,31 @@ class Export:
         return self.choice.impacts.duration
 
     @property
+    def durations(self) -> tuple[float, float]:
+        """The shortest contact in the code and the longest one, of all pairs [s]."""
+        all_of = np.concatenate(
+            [of.duration for of in (self.choice.impacts, *self.choice.of_pairs)]
+        )
+        return float(np.min(all_of)), float(np.max(all_of))
+
+    @property
+    def weight_number(self) -> float:
+        """g T/v of the slowest impact of all pairs, of duration T: by how much weight changes its speed meanwhile."""
+        slowest = max(float(of.duration[0]) for of in (self.choice.impacts, *self.choice.of_pairs))
+        return self.target.gravity * slowest / self.target.range[0]
+
+    @cached_property
+    def deviations(self) -> dict[str, tuple[float, float]]:
+        """Contact time, largest overlap and peak force in the code over those of the law, less 1: slowest and fastest."""
+        law = self.target.law
+        if isinstance(law, sj.HardSphereLaw):
+            return {}
+        own = impacts_of(law, self.target.velocity, self.options.losses)
+        made = self.choice.impacts
+        ratios = {name: getattr(made, f) / getattr(own, f) - 1 for name, f in DEVIATIONS.items()}
+        return {name: (float(ratio[0]), float(ratio[-1])) for name, ratio in ratios.items()}
+
+    @property
     def energy_error(self) -> float:
         """Relative error of the dissipated energy, over impacts uniform in ln v."""
         energy = self.target.velocity**2
@@ -79,10 +119,21 @@ class Export:
         return dissipated / requested - 1 if requested > 0 else 0.0
 
     @property
+    def headline(self) -> str:
+        """What a file lacks, before all else; empty if nothing."""
+        if not self.target.on_wall:
+            return ""
+        if self.to == "lammps" and not self.options.types:
+            return "No law between balls: they pass through each other until another file sets one."
+        return WALL_ALONE.get((self.to, self.choice.key), "")
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before it is used: extrapolation, deep overlaps, slow impacts, warnings of the fit."""
         fit, (low, high) = self.target.fit, self.target.range
-        texts: list[str] = []
+        texts = [self.headline] if self.headline else []
+        if self.stale:
+            texts.append("Build again by build.sh: softjaxplugin.so there is of an earlier export.")
         measured = (low, high) if fit is None else fit.data.velocity
         slowest, fastest = float(np.min(measured)), float(np.max(measured))
         if low < (1 - SLACK) * slowest or high > (1 + SLACK) * fastest:
@@ -95,6 +146,9 @@ class Export:
             )
         if self.choice.key not in CONSTANT:
             texts += self._below(low)
+        elif self.options.below == "hold":
+            constant = number(float(self.choice.impacts.coefficient[0]))
+            texts.append(f"Below {number(low)} m/s ε is {constant} too, by the same dashpot.")
         if fit is not None and fit.warnings:
             names = dict.fromkeys(warning.code for warning in fit.warnings)
             texts.append(f"Warnings of the fit: {', '.join(names)}; see its report.")
@@ -141,7 +195,9 @@ class Export:
             f"Effective radius {radius} m, effective mass {mass} kg.",
             of_sizes,
         ]
-        return tuple(map(_harmless, (*lines, *self.warnings)))
+        first = [self.headline, ""] if self.headline else []
+        rest = self.warnings[1:] if self.headline else self.warnings
+        return tuple(map(_harmless, (*first, *lines, *rest)))
 
     def to_dict(self) -> dict[str, Any]:
         """The content of export.json."""
@@ -160,13 +216,17 @@ class Export:
             "largest_error": choice.total,
             "error_of_law": choice.error,
             "error_of_time_step": steps.error,
+            "error_of_weight": choice.weight,
+            "gravity": self.target.gravity,
+            "weight_number": self.weight_number,
+            "deviations": {n.replace(" ", "_"): x for n, x in self.deviations.items()},
             "error_of_dissipated_energy": self.energy_error,
             "energy_gain": impacts.gain,
             "largest_overlap_over_radius": self.overlap,
             "radius": {"value": self.target.radius, "of": self.target.radius_of},
             "bodies": SCENES.get(self.target.on_wall),
             "warnings": list(self.warnings),
-            "contact_duration": {"longest": max(self.duration), "shortest": min(self.duration)},
+            "contact_duration": dict(zip(("shortest", "longest"), self.durations, strict=True)),
             "below": {
                 "law": self.options.below,
                 "restitution": float(impacts.coefficient[0]) if choice.hold else None,
@@ -191,26 +251,40 @@ class Export:
     def _rows(self) -> dict[str, str]:
         choice, steps = self.choice, self.choice.steps
         low, high = self.target.range
-        shortest, longest = (number(1e6 * t, 3) for t in (min(self.duration), max(self.duration)))
+        shortest, longest = (number(1e6 * t, 3) for t in self.durations)
         order = ""
         if steps.order is not None:
             order = f"; half of it has {100 * 0.5**steps.order:.0f} % of its error"
         share = f"{float(number(100 * self.overlap, 2)):g}"
         rows = {} if self.target.on_wall is None else {"bodies": SCENES[self.target.on_wall]}
+        weight = f"g T/v {number(self.weight_number, 2)} at {number(low)} m/s"
+        if not self.target.gravity:
+            weight = "none (gravity 0)"
+        error = f"law {number(choice.error, 2)}, time step {number(steps.error, 2)}"
+        if self.target.gravity:
+            error += f", weight {number(choice.weight, 2)}"
         rows |= {
             "law": f"{choice.label} ({HOW[choice.backend.name]})",
             "range": f"{number(low)} to {number(high)} m/s, ε {_ends(self.target.restitution)}",
-            "largest error": f"{number(choice.total, 3)}: law {number(choice.error, 2)}, "
-            f"time step {number(steps.error, 2)}; tolerance {number(self.options.tolerance, 3)}",
+            "largest error": f"{number(choice.total, 3)}: {error}; tolerance {number(self.options.tolerance, 3)}",
             "dissipated energy": f"{100 * self.energy_error:+.1f} %",
             "contact": f"{shortest} to {longest} µs",
             "largest overlap": f"{share} % of the {self.target.radius_of} radius",
             "time step": f"{number(self.time_step, 3)} s, {steps.count} in the shortest contact{order}",
+            "weight": weight,
             "errors of laws": "; ".join(f"{t.key} {number(t.error, 2)}" for t in self.tried),
         }
+        if choice.backend.name == HEADER and self.to in PLUGINS:
+            rows["plugin"] = "build it by sh build.sh"
         if choice.softening_factor != 1:
             times = number(choice.softening_factor, 3)
             rows["softer"] = f"overlaps and time step {times} times, forces 1/{times}"
+        if any(abs(x) > SMALL for ends in self.deviations.values() for x in ends):
+            columns = zip(*self.deviations.values(), strict=True)
+            ends = (", ".join(map(_deviation, self.deviations, column)) for column in columns)
+            rows["beside the law"] = "; ".join(
+                f"{number(v)} m/s: {end}" for v, end in zip((low, high), ends, strict=True)
+            )
         if choice.impacts.gain:
             rows["energy gain"] = f"{number(choice.impacts.gain, 2)} of the impact's energy at most"
         return rows
@@ -255,11 +329,22 @@ def parameters_of(law: Any) -> dict[str, Any]:
     return numbers | {name: getattr(law, name) for name in options_of(type(law))}
 
 
+def _deviation(name: str, ratio: float) -> str:
+    return f"{name} {100 * ratio:+.0f} %"
+
+
 def _ends(values: np.ndarray) -> str:
     return f"{number(float(values[0]))} to {number(float(values[-1]))}"
 
 
 def _harmless(note: str) -> str:
     """One line of ASCII that ends no comment: of C by its marks, of LAMMPS by three quotes."""
-    text = printable(note).replace("ε", "eps").replace("µ", "u").encode("ascii", "replace").decode()
+    text = (
+        printable(note)
+        .replace("ε", "eps")
+        .replace("µ", "u")
+        .replace("√2", "sqrt(2)")
+        .encode("ascii", "replace")
+        .decode()
+    )
     return text.replace("*/", "* /").replace("/*", "/ *").replace('"', "'")

@@ -6,16 +6,23 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 import softjax as sj
+from calibration.data.air import Fall
 from calibration.errors import DataError, printable
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
+from softjax.many_body import elastic_limit, loading_work
+from softjax.numerics.gauss import gauss_legendre
 
 POINTS = 65  # velocities at which ε is compared, evenly in the logarithm
 POISSON_RATIO = 0.3  # where only the contact is known: the modulus that is written goes with it
+EQUAL = 1e-9  # of the factor of an unloading force to 1
+SLOWEST = 1e-4  # factor that durations are stated with, of bodies that hardly part
+NODES = 24  # of the time of loading
 UNANSWERED = int(sj.Status.NO_TURNING_POINT | sj.Status.INVALID_INPUT)
 
 Range = tuple[float, float]
@@ -39,6 +46,16 @@ class ExportOptions:
     types: tuple[int, int] | None
     below: str
     sizes: tuple[float, ...] | None
+    gravity: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two types of atoms, 1, 2, …, the radius of the smaller one [m] and their contact."""
+
+    types: tuple[int, int]
+    smaller: float
+    contact: sj.Contact
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +63,8 @@ class Target:
     """A law of single numbers, the velocities [m/s] of a scene, ε there, and the fit, if it is of one.
 
     `radius` is of the smaller sphere [m], else the effective one, `radius_of` says which; `on_wall` is
-    None where only the contact is known; `pairs` are two types of atoms and their contact, of the
-    sizes that were named.
+    None where only the contact is known; `pairs` are of the sizes that were named; `gravity` is g [m/s²],
+    0 where weight is left out.
     """
 
     options: ExportOptions
@@ -60,7 +77,8 @@ class Target:
     on_wall: bool | None
     velocity: np.ndarray
     restitution: np.ndarray
-    pairs: tuple[tuple[int, int, sj.Contact], ...]
+    pairs: tuple[Pair, ...]
+    gravity: float
     fit: MaterialFit | None
 
     @property
@@ -103,8 +121,15 @@ def target_of(source: FitResult | MaterialFit | sj.ContactLaw, options: ExportOp
         velocity,
         restitution_of(law, velocity, options.losses),
         _pairs(contact, options.sizes, density, on_wall),
+        _gravity(fit, options.gravity),
         fit,
     )
+
+
+def _gravity(fit: MaterialFit | None, gravity: float | None) -> float:
+    """g as stated, else that of measured heights, else the standard one [m/s²]."""
+    fall = fit.data.fall if fit else None
+    return float((fall or Fall()).gravity if gravity is None else gravity)
 
 
 def _range(fit: MaterialFit | None, velocity_range: Range | None) -> Range:
@@ -124,7 +149,7 @@ def _range(fit: MaterialFit | None, velocity_range: Range | None) -> Range:
     return low, high
 
 
-def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) -> tuple:
+def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) -> tuple[Pair, ...]:
     """Contacts of all pairs of types. Without a density it is that of two like spheres with this contact."""
     if sizes is None:
         return ()
@@ -138,7 +163,8 @@ def _pairs(contact: sj.Contact, sizes: Any, density: Any, on_wall: bool | None) 
     pairs = []
     for i, j in combinations_with_replacement(range(len(radii)), 2):
         reduced = {name: float(x[i] * x[j] / (x[i] + x[j])) for name, x in bodies.items()}
-        pairs.append((i + 1, j + 1, dataclasses.replace(contact, **reduced)))
+        of_pair = dataclasses.replace(contact, **reduced)
+        pairs.append(Pair((i + 1, j + 1), float(min(radii[i], radii[j])), of_pair))
     return tuple(pairs)
 
 
@@ -168,7 +194,7 @@ def restitution_of(law: Any, velocity: np.ndarray, losses: bool = True) -> np.nd
 
 @dataclass(frozen=True, eq=False)
 class Impacts:
-    """Arrays over velocities [m/s]: ε as a code has it, ε_p, largest overlap [m], duration [s].
+    """Arrays over velocities [m/s]: ε as a code has it, ε_p, largest overlap [m], duration [s], peak force [N].
 
     `factor` is (ε/ε_p)², by which the unloading force is multiplied; ε is 1 at most.
     """
@@ -178,6 +204,7 @@ class Impacts:
     plastic: Curve
     peak: Curve
     duration: Curve
+    force: Curve
 
     @property
     def factor(self) -> Curve:
@@ -189,12 +216,42 @@ class Impacts:
         """The largest relative gain of energy in an impact."""
         return float(max(np.max(self.coefficient) ** 2 - 1, 0.0))
 
+    def softened(self, factor: float) -> "Impacts":
+        """The same impacts on springs softer by `factor`."""
+        longer = {"peak": factor * self.peak, "duration": factor * self.duration}
+        return dataclasses.replace(self, **longer, force=self.force / factor)
+
 
 def impacts_of(law: Any, velocity: Curve, losses: bool = True) -> Impacts:
-    """Impacts on a law with a force; `losses`: with those that are in ε and in no force."""
+    """Impacts on a law with a force; `losses`: with those that are in ε and in no force.
+
+    A body that unloads by a force f times as large goes the same way 1/√f times as slowly.
+    """
     hit = sj.restitution(law, velocity)
-    numbers = hit.plastic_coefficient, hit.peak_overlap, hit.duration
-    return Impacts(velocity, coefficient_of(hit, losses), *map(np.asarray, numbers))
+    numbers = hit.plastic_coefficient, hit.peak_overlap, hit.duration, hit.peak_force
+    impacts = Impacts(velocity, coefficient_of(hit, losses), *map(np.asarray, numbers))
+    factor = impacts.factor
+    if np.all(np.abs(factor - 1) < EQUAL) or not isinstance(law, sj.RateIndependentLaw):
+        return impacts
+    loading = np.minimum(_loading_time(law, impacts.peak), impacts.duration)
+    back = (impacts.duration - loading) / np.sqrt(np.clip(factor, SLOWEST, None))
+    return dataclasses.replace(
+        impacts, duration=np.where(factor > 0, loading + back, impacts.duration)
+    )
+
+
+def _loading_time(law: Any, peak: Curve) -> Curve:
+    """∫ dδ/δ' up to the largest overlap [s], ½ M δ'² = ∫ P dδ from δ to it, over s of δ = δ_max (1 - s²)."""
+    node, weight = gauss_legendre(NODES)
+    at = node[:, None]
+    works = jax.jit(_work_left)(law, np.sqrt(peak * (1 - at**2)), np.sqrt(peak + 0 * at))
+    speed = np.sqrt(2 * np.asarray(works) / number_of(law.contact.mass))
+    return np.sum(weight[:, None] * 2 * peak * at / speed, axis=0)
+
+
+def _work_left(law: Any, low: Any, high: Any) -> Any:
+    yields = jnp.clip(jnp.sqrt(elastic_limit(law)), low, high)
+    return loading_work(law, low, yields) + loading_work(law, yields, high)
 
 
 def coefficient_of(hit: sj.Restitution, losses: bool) -> Curve:

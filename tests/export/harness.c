@@ -18,25 +18,45 @@ void forces(int n, double radius, double mass, const double *overlap, const doub
   }
 }
 
-/* one impact by velocity Verlet as particle codes have it, the force at the velocity half a step
- * before; it begins a fraction `phase` of a step before touch */
-static double rebound(const softjax_pair *pair, double velocity, double step, double phase) {
+/* one impact by velocity Verlet as particle codes have it, the force at the velocity half a step before; it
+ * begins a fraction `phase` of a step before touch. Where it does not end its coefficient is 0. */
+typedef struct {
+  double coefficient, duration, peak, force; /* [-], [s] while there is a force, [m], [N] */
+} impact;
+
+static impact collide(const softjax_pair *pair, double velocity, double step, double phase,
+                      double gravity) {
   softjax_contact memory = softjax_touch();
   real v = (real)velocity, x = (real)(-phase * velocity * step), dt = (real)step, slope;
+  impact found = {0, 0, 0, 0};
   long i;
-  for (i = 0; i < 100000000; i++) {
+  for (i = 0; i < 3000000; i++) {
+    real force;
     x += v * dt;
-    v -= softjax_force(pair, &memory, x, v, &slope) / pair->mass * dt;
-    if (x <= 0 && v < 0) break;
+    if (x <= 0 && v < 0) {
+      found.coefficient = -(double)v / velocity;
+      break;
+    }
+    force = softjax_force(pair, &memory, x, v, &slope);
+    v += ((real)gravity - force / pair->mass) * dt;
+    if (force > 0) found.duration += step;
+    if (x > found.peak) found.peak = x;
+    if (force > found.force) found.force = force;
   }
-  return -(double)v / velocity;
+  return found;
 }
 
 void restitution(int n, double radius, double mass, const double *velocity, const double *step,
-                 double phase, double *coefficient) {
+                 double phase, double gravity, double *numbers) {
   softjax_pair pair = softjax_spheres((real)radius, (real)mass, (real)HUGE_VAL, (real)HUGE_VAL);
   int i;
-  for (i = 0; i < n; i++) coefficient[i] = rebound(&pair, velocity[i], step[i], phase);
+  for (i = 0; i < n; i++) {
+    const impact found = collide(&pair, velocity[i], step[i], phase, gravity);
+    numbers[i] = found.coefficient;
+    numbers[n + i] = found.duration;
+    numbers[2 * n + i] = found.peak;
+    numbers[3 * n + i] = found.force;
+  }
 }
 
 /* energy that the bodies have more than they brought, over a way of straight lines between turns,

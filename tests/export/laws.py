@@ -59,15 +59,19 @@ class Compiled:
         self.library.gained.restype = ctypes.c_double
         shutil.rmtree(folder)
 
-    def rebounds(self, velocity, step, phase: float = 0.3, contact=PAIR) -> np.ndarray:
+    def rebounds(self, velocity, step, phase: float = 0.3, contact=PAIR, gravity=0.0) -> np.ndarray:
         """ε of impacts with time steps [s]; a fraction of a step passes before touch."""
+        return self.impacts(velocity, step, phase, contact, gravity)[0]
+
+    def impacts(self, velocity, step, phase: float = 0.3, contact=PAIR, gravity=0.0) -> np.ndarray:
+        """ε, how long there is a force [s], largest overlap [m] and largest force [N], one a row."""
         velocity = np.ascontiguousarray(velocity, float)
         step = np.ascontiguousarray(np.broadcast_to(step, velocity.shape), float)
-        restitution = np.empty_like(velocity)
+        numbers = np.empty((4, len(velocity)))
         arrays = map(_pointer, (velocity, step))
-        out = (ctypes.c_double(phase), _pointer(restitution))
+        out = (ctypes.c_double(phase), ctypes.c_double(gravity), _pointer(numbers))
         self.library.restitution(len(velocity), *_sizes(contact), *arrays, *out)
-        return restitution
+        return numbers
 
     def forces(self, overlap, rate=0.0, contact=PAIR) -> tuple[np.ndarray, np.ndarray]:
         """Force [N] and stiffness [N/m] of one contact that goes through these overlaps."""
@@ -84,9 +88,11 @@ class Compiled:
         arguments = (len(turns), _pointer(turns), samples, *_sizes(contact), ctypes.byref(most))
         return self.library.gained(*arguments), most.value
 
-    def largest_error(self, velocity, expected, step, phases=(0.0, 0.3, 0.6, 0.9)) -> float:
+    def largest_error(
+        self, velocity, expected, step, phases=(0.0, 0.3, 0.6, 0.9), contact=PAIR, gravity=0.0
+    ) -> float:
         """Of ε over several beginnings of an impact within a step."""
-        rebounds = [self.rebounds(velocity, step, phase) for phase in phases]
+        rebounds = [self.rebounds(velocity, step, phase, contact, gravity) for phase in phases]
         return float(np.max(np.abs(np.array(rebounds) - expected)))
 
 

@@ -20,7 +20,7 @@ MEASURED = {"linear": 0.067, "viscoelastic": 0.022, "walton-braun": 0.017}
 
 
 def test_the_errors_of_all_laws_are_those_that_were_found_elsewhere(exported):
-    export, _ = exported(tolerance=3e-4)
+    export, _ = exported(tolerance=3e-4, gravity=0.0)
     errors = {trial.key: trial.error for trial in export.tried}
     assert list(errors) == LADDER
     for key, error in MEASURED.items():
@@ -29,7 +29,7 @@ def test_the_errors_of_all_laws_are_those_that_were_found_elsewhere(exported):
 
 
 def test_viscoelastic_spheres_are_the_best_of_their_kind(exported):
-    """Of hardly damped ones 1 - ε is 1.15344 w² (Schwager and Pöschel), of creeping ones ε is 2/3 (2 w²/3)^{-5/3}."""
+    """Of hardly damped ones 1 - ε is 1.15344 w² (Schwager and Pöschel)."""
     span = (50.0, 100.0)
     options = {"velocity_range": span, "law": "viscoelastic", "tolerance": 0.9, "steps": 50}
     export, _ = exported(sj.ConstantRestitution(PAIR, 0.9), "lammps", **options)
@@ -39,9 +39,8 @@ def test_viscoelastic_spheres_are_the_best_of_their_kind(exported):
     off = curve(sj.ViscoelasticHertz(PAIR, times), velocity) - 0.9
     best = np.min(np.max(np.abs(off), axis=1))
     assert export.choice.error == pytest.approx(best, rel=2e-2, abs=1e-6)
-    for epsilon, error in ((1.0, 1.15344e-9), (0.0, 2 / 3 * (2e4 / 3) ** (-5 / 3))):
-        end, _ = exported(sj.ConstantRestitution(PAIR, epsilon), "lammps", **options)
-        assert end.choice.error == pytest.approx(error, rel=1e-3)
+    end, _ = exported(sj.ConstantRestitution(PAIR, 1.0), "lammps", **options)
+    assert end.choice.error == pytest.approx(1.15344e-9, rel=1e-3)
 
 
 CHOSEN = {0.08: "linear", 0.03: "viscoelastic", 0.02: "walton-braun", 3e-4: "exact"}
@@ -50,7 +49,7 @@ CHOSEN = {0.08: "linear", 0.03: "viscoelastic", 0.02: "walton-braun", 3e-4: "exa
 @pytest.mark.parametrize("tolerance", CHOSEN)
 def test_the_first_law_that_keeps_the_tolerance_is_taken_and_keeps_it_in_c(tolerance, exported):
     """At the time step that is written; the stated error of the step is reached and not passed."""
-    export, folder = exported(tolerance=tolerance)
+    export, folder = exported(tolerance=tolerance, gravity=0.0)
     assert export.choice.key == CHOSEN[tolerance]
     as_recorded(f"export {tolerance}", {"printed": str(export)})  # its number of steps too
     assert export.choice.error + export.choice.steps.error == export.choice.total
@@ -81,6 +80,103 @@ def test_a_dashpot_that_never_pulls_gives_the_restitution_of_hard_spheres(law, e
         np.testing.assert_allclose(found, epsilon, atol=3e-4)
     least, _ = exported(sj.ConstantRestitution(PAIR, 0.05), law="linear", tolerance=0.3, steps=400)
     assert least.choice.error == pytest.approx(np.exp(-2) - 0.05, abs=1e-4)
+
+
+def test_every_pair_of_sizes_keeps_the_stated_error(exported):
+    """The pair of small spheres was 0.0034 off by the step that was looked for with the large ones, 0.00196 stated."""
+    steel, law = sj.STAINLESS_STEEL, sj.ViscoelasticHertz(PAIR, 1.2e-5)
+    options = {"velocity_range": (0.1, 3.0), "law": "viscoelastic", "tolerance": 0.002}
+    made, folder = exported(law, sizes=(0.01, 0.003), gravity=0.0, **options)
+    code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
+    velocity, found = np.geomspace(0.1, 3.0, 12), []
+    for radii in ((0.01, 0.01), (0.01, 0.003), (0.003, 0.003)):
+        contact = sj.Contact.between_spheres(steel, steel, *radii)
+        expected = curve(sj.ViscoelasticHertz(contact, 1.2e-5), velocity)
+        phases = np.arange(12) / 12
+        found.append(code.largest_error(velocity, expected, made.time_step, phases, contact))
+    assert 0.6 * made.choice.total < max(found) == found[2] < made.choice.total <= 0.002
+    small = sj.restitution(sj.ViscoelasticHertz(contact, 1.2e-5), 3.0)
+    durations = made.to_dict()["contact_duration"]
+    assert durations["shortest"] == pytest.approx(float(small.duration), rel=1e-6)
+    assert made.time_step == pytest.approx(float(small.duration) / made.choice.steps.count)
+
+
+SOFT = sj.Material(youngs_modulus=5e6, poisson_ratio=0.4, density=1000.0, yield_strength=1e6)
+BALL = sj.Contact.with_wall(SOFT, wall=SOFT, radius=0.5)
+HEAVY = {  # law, range, options, the largest change of ε by weight that there is at least
+    "soft": (sj.ConstantRestitution(BALL, 0.5), (3.1, 10.0), {"law": "hertz-dashpot"}, 0.03),
+    "caught": (sj.ConstantRestitution(BALL, 0.5), (0.3, 10.0), {"law": "hertz-dashpot"}, 0.49),
+    "softened": (STEEL, (0.1, 2.0), {"law": "exact", "overlap": 0.2}, 0.007),
+    "springs": (sj.WaltonBraun(PAIR, 1e6, 2e6, 0.0), (0.05, 1.0), {"law": "walton-braun"}, 0.005),
+}
+
+
+@pytest.mark.parametrize("name", HEAVY)
+def test_the_weight_is_within_the_stated_error(name, exported):
+    """A soft ball gave 0.277 under gravity where 0.5 ± 0.0094 was stated; it may not rebound at all."""
+    law, span, options, least = HEAVY[name]
+    settings = {"velocity_range": span, "tolerance": 0.9, "steps": 100, "on_wall": True}
+    made, folder = exported(law, **settings, **options, gravity=3.7)
+    code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
+    velocity, expected = made.target.velocity[::8], made.target.restitution[::8]
+    phases, contact = np.arange(8) / 8, made.target.contact
+    arguments = velocity, expected, made.time_step, phases, contact
+    heavy, light = (code.largest_error(*arguments, gravity) for gravity in (3.7, 0.0))
+    assert light <= made.choice.steps.error + made.choice.error
+    assert max(least, 0.6 * made.choice.total) < heavy <= made.choice.total
+    number = 3.7 * made.duration[0] / span[0]
+    assert made.to_dict()["weight_number"] == pytest.approx(number)
+    assert f"weight             g T/v {number:.2g} at {span[0]:g} m/s" in str(made)
+    none, _ = exported(law, **settings, **options, gravity=0.0)
+    assert (none.choice.weight, none.to_dict()["weight_number"]) == (0.0, 0.0)
+    assert "weight" not in str(none).partition("contact  ")[0]
+    with pytest.raises(ValueError, match="--gravity 0 leaves it out"):
+        exported(law, **settings | {"tolerance": 1.05 * made.choice.steps.error}, **options)
+
+
+@pytest.mark.parametrize(
+    "name", [*INDEPENDENT, "hertz, no pull", "linear, no pull", "viscoelastic"]
+)
+def test_contact_times_overlaps_and_forces_are_those_in_the_code(name, exported):
+    """In C; where losses are taken off the unloading force it takes longer than the law's own contact."""
+    law, options = (INDEPENDENT | DAMPED)[name], {"law": "exact", "tolerance": 0.5, "steps": 50}
+    made, folder = exported(law, **options)
+    code, some = (
+        compiled((folder / "softjax_law.h").read_text(encoding="utf-8")),
+        slice(None, None, 16),
+    )
+    impacts = made.choice.impacts
+    _, duration, peak, force = code.impacts(impacts.velocity[some], min(impacts.duration) / 4000)
+    np.testing.assert_allclose(duration, impacts.duration[some], rtol=1.5e-3)
+    np.testing.assert_allclose(peak, impacts.peak[some], rtol=1e-3)
+    np.testing.assert_allclose(force, impacts.force[some], rtol=1e-3)
+    assert made.to_dict()["curve"]["contact_duration"] == impacts.duration.tolist()
+
+
+def test_what_another_law_changes_beside_the_restitution_is_stated(exported):
+    """Hertz's impact by a linear spring of the same largest overlap δ: M v²/δ for 5/4 of it, π δ/v for 2.9432 δ/v."""
+    made, _ = exported(sj.Hertz(PAIR))
+    assert made.choice.key == "linear"
+    found = {name: ends[1] for name, ends in made.deviations.items()}
+    expected = {"contact time": np.pi / 2.94328 - 1, "largest overlap": 0, "peak force": -0.2}
+    assert found == pytest.approx(expected, abs=2e-3)
+    assert "5 m/s: contact time +7 %, largest overlap -0 %, peak force -20 %" in str(made)
+    slower = 50**-0.2  # δ of Hertz's impact goes by v^{4/5}, the force by v^{6/5}
+    slowest = made.deviations["peak force"][0]
+    assert slowest == pytest.approx(0.8 / slower - 1, abs=2e-3)
+    own, _ = exported(sj.Hertz(PAIR), law="exact")
+    assert "beside the law" not in str(own)
+
+
+@pytest.mark.parametrize("code", ["lammps", "liggghts", "yade"])
+def test_what_does_not_rebound_costs_no_more_than_the_tolerance_needs(code, exported, recwarn):
+    """ε = 0 was looked for with A and s without end: a step 20 times shorter than for 0.14, or s of infinity."""
+    made, _ = exported(sj.ConstantRestitution(PAIR, 0.0), code, gravity=0.0)
+    assert made.choice.total <= 0.01
+    assert np.all(made.choice.impacts.coefficient > 1e-4)
+    least = {"lammps": 1e-7}.get(code, 1e-8)
+    assert made.time_step > least
+    assert not recwarn.list
 
 
 def test_the_error_of_the_dissipated_energy(exported):
@@ -181,7 +277,9 @@ def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
     _, folder = exported(tolerance=0.02)
     report = json.loads((folder / "export.json").read_text(encoding="utf-8"))
     assert (report["to"], report["law"]) == ("c", "walton-braun")
-    assert report["largest_error"] == report["error_of_law"] + report["error_of_time_step"] <= 0.02
+    parts = [report[f"error_of_{part}"] for part in ("law", "weight", "time_step")]
+    assert report["largest_error"] == pytest.approx(sum(parts), rel=1e-14)
+    assert 0 < parts[1] < report["largest_error"] <= 0.02
     given, expected = (np.array(report["curve"][name]) for name in ("exported", "requested"))
     assert np.max(np.abs(given - expected)) == pytest.approx(report["error_of_law"])
     velocity = np.array(report["curve"]["velocity"])
@@ -208,7 +306,7 @@ def test_export_json_has_all_numbers_and_deep_overlaps_are_warned_of(exported):
         assert made.overlap == pytest.approx(share, rel=1e-6)
         warning = "Overlaps reach 10 % of the radius: contact laws are for small ones."
         assert made.warnings.count(warning) == count
-    steel, _ = exported(tolerance=3e-4)
+    steel, _ = exported(tolerance=3e-4, gravity=0.0)
     slow, with_hold = steel.warnings
     assert slow.startswith("Slower impacts lose nearly nothing (ε is 0.98")
     assert with_hold.startswith("With --below hold ε is held at 0.9")

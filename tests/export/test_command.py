@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -150,14 +151,112 @@ def test_a_wall_of_the_file_makes_its_line_act(at):
         export(f"{name}.toml", *law, *options, "--quiet")
     pair, wall = text("in.softjax", "pair"), text("in.softjax", "wall")
     heading = "# between {}, as requested:\n"
-    assert heading.format("two balls") + "pair_style" in pair
+    assert pair.index(heading.format("two balls")) < pair.index("\npair_style")
     assert "needs an export of its own:\n# fix ID group " in pair
-    assert heading.format("a ball and a flat wall") + "fix softjax_wall all " in wall
+    assert wall.index(heading.format("a ball and a flat wall")) < wall.index(
+        "\nfix softjax_wall all"
+    )
     assert (
         "# between two balls, which needs an export of its own:\n# These lines do not act" in wall
     )
     assert "\npair_" not in wall  # included after lines for balls it leaves them as they are
     assert [report(name)["bodies"] for name in bodies] == ["two balls", "a ball on a flat wall"]
+
+
+@needs_compiler
+def test_a_second_law_of_one_prefix_does_not_act_silently(at):
+    """Of two headers the guard left the second out; a plugin of other numbers answered to the same name."""
+    texts = []
+    for folder, restitution in (("one", "0.8"), ("other", "0.7"), ("again", "0.8")):
+        law = ("--law", "hertz-dashpot", "--set", f"restitution={restitution}")
+        export(*STEEL, *law, "--to", "c", "--out", folder)
+        texts.append(text("softjax_law.h", folder))
+    assert texts[0] == texts[2]
+    assert compiler_says(texts[0] + texts[2], "c", at) == ""
+    said = compiler_says(texts[0] + texts[1], "c", at)
+    assert "two laws of the prefix softjax: export one of them with another --prefix" in said
+    names = []
+    for sigma in ("0.4", "0.5", "0.4"):
+        law = ("--set", "chi=0.2", "--set", f"sigma={sigma}", "--set", "psi=0.5", "--range", "2:4")
+        Path("alloy.toml").write_text(BODIES, encoding="utf-8")
+        options = ("--to", "lammps", "--export-law", "exact", "--tolerance", "0.1", "--quiet")
+        export("alloy.toml", *law, *options)
+        (name,) = re.findall(
+            r"^variable softjax_law string (softjax_[0-9a-f]{8})$", text("in.softjax"), re.M
+        )
+        assert f'#define SOFTJAX_LAW "{name}"' in text("softjax_law.h")
+        assert "\npair_coeff * * ${softjax_law}\n" in text("in.softjax")
+        assert "# fix ID group softjax/wall ${softjax_law} zplane 0.0 NULL\n" in text("in.softjax")
+        names.append(name)
+        stale = [one for one in report()["warnings"] if one.startswith("Build again")]
+        assert len(stale) == Path("results/softjaxplugin.so").exists()
+        Path("results/softjaxplugin.so").touch()
+    assert names[0] == names[2] != names[1]
+    code, out, _ = run("export", "alloy.toml", *law, *options[:-1])
+    assert code == 0
+    assert "Build again by build.sh: softjaxplugin.so there is of an earlier export." in out
+
+
+def test_what_a_file_of_a_wall_does_not_do_is_its_first_line(at):
+    """150 balls that were poured went through each other."""
+    wall = f'{BODIES}\n[material.wall]\nmaterial = "nylon"\n'
+    Path("wall.toml").write_text(wall, encoding="utf-8")
+    law = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--range", "0.5:5")
+    said = {
+        "lammps": "No law between balls: they pass through each other until another file sets one.",
+        "yade": "For walls alone: YADE takes a wall for a ball",
+    }
+    for to, expected in said.items():
+        options = (*law, "--to", to, "--export-law", "hertz-dashpot", "--tolerance", "0.05")
+        code, out, _ = run("export", "wall.toml", *options)
+        assert code == 0
+        assert f"! {expected}" in out
+        lines = text(CODES[to]).splitlines()
+        assert next(
+            one
+            for one in lines
+            if one != "# coding: ascii, first, so that no name below is read as one"
+        ).startswith(f"# {expected}")
+    export(
+        "wall.toml", *law, "--to", "lammps", "--tolerance", "0.05", "--types", "1", "1", "--quiet"
+    )
+    assert "No law between balls" not in text("in.softjax")
+
+
+def test_gravity_is_that_of_the_option_else_of_the_file_else_of_the_earth(at):
+    law = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--to", "c", "--range", "1:4")
+    drops = 'data = "drops.csv"\ngravity = 1.62\nair = false\nradius'
+    rows = "drop_height [m],rebound_height [m]\n1,0.64\n1.5,0.97\n2,1.27\n"
+    Path("drops.csv").write_text(rows, encoding="utf-8")
+    Path("moon.toml").write_text(BODIES.replace("radius", drops, 1), encoding="utf-8")
+    Path("alloy.toml").write_text(BODIES, encoding="utf-8")
+    for file, stated, expected in (
+        ("alloy.toml", (), 9.80665),
+        ("moon.toml", (), 1.62),
+        ("moon.toml", ("--gravity", "3.7"), 3.7),
+        ("moon.toml", ("--gravity", "0"), 0.0),
+    ):
+        export(file, *law, *stated, "--quiet")
+        made = report()
+        assert made["gravity"] == expected
+        number = expected * made["curve"]["contact_duration"][0] / 1.0
+        assert made["weight_number"] == pytest.approx(number)
+    assert run("fit", "moon.toml", "--law", "hertz-dashpot", "--no-profiles", "--quiet")[0] == 0
+    export(
+        "--fit", "results/fit.json", *law[4:], "--tolerance", "0.1", "--quiet", "--out", "fitted"
+    )
+    assert report("fitted")["gravity"] == 1.62
+    code, _, err = run("export", "alloy.toml", *law, "--gravity", "-1")
+    assert code == 2
+    assert "gravity" in err
+    assert "an acceleration in m/s², or 0" in err
+
+
+@pytest.mark.parametrize("law", ["linear", "hertz-dashpot"])
+def test_holding_below_the_range_says_what_a_dashpot_does(law, at):
+    law = ("--law", "hertz-dashpot", "--set", "restitution=0.8", "--export-law", law)
+    export(*STEEL, *law, "--to", "lammps", "--below", "hold")
+    assert "Below 0.1 m/s ε is 0.8 too, by the same dashpot." in report()["warnings"]
 
 
 @needs_compiler

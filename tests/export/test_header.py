@@ -208,11 +208,12 @@ def test_below_the_range_the_restitution_of_its_end_is_held(name, exported):
     """Within the stated error; faster impacts are as they were, but where they load again a dashpot pushes."""
     law, velocity = (INDEPENDENT | {"kinked": KINKED})[name], np.geomspace(1e-3, 0.0999, 12)
     made, folder = exported(law, "c", law="exact", tolerance=0.01, below="hold")
+    velocity = np.append(velocity, [0.0995, 0.1])  # where the range begins impacts are held or not
     code = compiled((folder / "softjax_law.h").read_text(encoding="utf-8"))
     hit = sj.restitution(law, np.append(WIDE[4:], [0.1, 0.2, 3.0, 1.0]))  # by the program of `WIDE`
     slow, *fast = np.asarray(hit.coefficient)[-4:-1]
     off = code.largest_error(velocity, slow, made.time_step, np.arange(8) / 8)
-    assert 0.8 * made.choice.hold_error < off < made.choice.hold_error < 0.03
+    assert 0.6 * made.choice.hold_error < off < made.choice.hold_error < 0.03
     assert code.largest_error(velocity, slow, made.time_step / 100) < 6e-3
     assert code.largest_error(np.array([0.2, 3.0]), fast, made.time_step / 10) < 2e-4
     within = f"within {made.choice.hold_error:.2g} at this time step"

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import re
+from shutil import copy2
 
 import numpy as np
 import pytest
@@ -23,12 +24,25 @@ from tests.export.lammps import (
     rebounds,
 )
 from tests.export.laws import DENSITY, PAIR, RANGE, STEEL, VELOCITIES
+from tests.export.test_numbers import time_step
 from tests.physics.own_laws import Borrowed
 
 pytestmark = needs_lammps
 PLATE = sj.WaltonBraun(PAIR, 4e7, 1.5 * 4e7, 100.0)
 WALL = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
-LOAD = ["plugin load ./softjaxplugin.so", "pair_style softjax", "pair_coeff * * softjax"]
+LOAD = [
+    "include laws",  # ${softjax_law} and ${plate_law}
+    "plugin load ./softjaxplugin.so",
+    "pair_style softjax",
+    "pair_coeff * * ${softjax_law}",
+]
+
+
+def write_names(folder) -> None:
+    """The lines that name the laws of a folder, for scripts that include nothing else of its files."""
+    texts = [file.read_text(encoding="utf-8") for file in sorted(folder.glob("in.*"))]
+    lines = re.findall(r"^variable \w+_law string \w+$", "\n".join(texts), re.M)
+    (folder / "laws").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +50,10 @@ def plugin(tmp_path_factory):
     """A plugin of two laws, steel and `plate`, for impacts of 0.1 to 5 m/s at 100 steps."""
     folder = tmp_path_factory.mktemp("plugin")
     options = {"velocity_range": RANGE, "law": "exact", "steps": 100}
-    made = cal.export(STEEL, "lammps", folder, **options)
+    made = cal.export(STEEL, "lammps", folder, types=(1, 1), **options)
     cal.export(PLATE, "lammps", folder, prefix="plate", types=(1, 2), **options)
     build(folder)
+    write_names(folder)
     return folder, made
 
 
@@ -59,7 +74,7 @@ def test_the_plugin_gives_the_restitution_of_the_law(plugin):
     folder, made = plugin
     lines = [impact(v, with_steps(STEEL, v, 100), 150, at=1.0) for v in VELOCITIES]
     law = dataclasses.replace(STEEL, contact=WALL)
-    wall = ["fix wall all softjax/wall softjax zplane 0.0 NULL"]
+    wall = ["fix wall all softjax/wall ${softjax_law} zplane 0.0 NULL"]
     lines += [onto_a_wall(v, with_steps(law, v, 100) + wall, 150) for v in VELOCITIES]
     lines += [impact(1.0, with_steps(STEEL, 1.0, 2000), 3000)]
     *found, fine = rebounds(lines, folder)
@@ -74,18 +89,80 @@ def test_two_pairs_of_materials_have_their_own_laws(plugin):
     """Between types by `pair_coeff`, at a wall by the wall's own law."""
     folder, _ = plugin
     text = [(folder / name).read_text(encoding="utf-8") for name in ("in.softjax", "in.plate")]
-    assert "\npair_coeff * * softjax\n" in text[0]
-    assert "\npair_coeff 1 2 plate\n" in text[1]
-    step = min(float(re.search(r"^timestep (\S+)", one, re.M)[1]) for one in text)
-    both = ["include in.softjax", "include in.plate", f"timestep {step}"]
-    lines = [line.replace("create_box 1", "create_box 2") for line in impact(1.0, both, 400)]
-    second = [k for k, line in enumerate(lines) if line.startswith("create_atoms")][1]
-    wall = [*LOAD, "fix floor all softjax/wall plate zplane 0.0 NULL", f"timestep {step}"]
-    scripts = [lines, list(lines), onto_a_wall(1.0, wall, 400)]
-    scripts[1][second] = lines[second].replace("create_atoms 1", "create_atoms 2")
+    steps = [time_step(one) for one in text]
+    assert steps[0] != steps[1]
+    one, other = ["include in.softjax"], ["include in.plate"]
+    at_step = ["pair_coeff 2 2 ${softjax_law}", 'print "RESULT $(dt:%.17g)"']
+    scripts = [of_types(1, 1, [*one, *other, *at_step]), of_types(1, 2, [*other, *one, *at_step])]
+    wall = [
+        *LOAD,
+        "fix floor all softjax/wall ${plate_law} zplane 0.0 NULL",
+        f"timestep {min(steps)}",
+    ]
+    scripts.append(onto_a_wall(1.0, wall, 400))
     heavy = dataclasses.replace(PLATE, contact=WALL)
     expected = [curve(law, 1.0) for law in (STEEL, PLATE, heavy)]
-    np.testing.assert_allclose(rebounds(scripts, folder), expected, atol=3e-4)
+    found = rebounds(scripts, folder)
+    np.testing.assert_allclose(found[[1, 3, 4]], expected, atol=3e-4)
+    np.testing.assert_allclose(found[[0, 2]], min(steps), rtol=1e-12)  # in either order
+
+
+def of_types(first: int, second: int, settings) -> list[str]:
+    """An impact of two spheres of these types, of two."""
+    lines = [line.replace("create_box 1", "create_box 2") for line in impact(1.0, settings, 400)]
+    for k, kind in zip(
+        [k for k, one in enumerate(lines) if "create_atoms" in one], (first, second), strict=True
+    ):
+        lines[k] = lines[k].replace("create_atoms 1", f"create_atoms {kind}")
+    return lines
+
+
+TAKEN = "have the law of another file; export each with --types"
+SECOND = {  # the files that are included, by their options, and what is said
+    "all twice": ([{}, {"prefix": "b"}], f"some types {TAKEN}"),
+    "all after a pair": ([{"types": (1, 2)}, {"prefix": "b"}], f"some types {TAKEN}"),
+    "a pair after all": ([{}, {"prefix": "b", "types": (1, 2)}], f"types 1 2 {TAKEN}"),
+    "one pair": ([{"types": (2, 1)}, {"prefix": "b", "types": (1, 2)}], f"types 1 2 {TAKEN}"),
+    "two pairs": ([{"types": (1, 1)}, {"prefix": "b", "types": (1, 2)}], ""),
+    "walls": ([{"on_wall": True}, {"on_wall": True}], "fix softjax_wall is of another file"),
+    "two walls": ([{"on_wall": True}, {"on_wall": True, "prefix": "b"}], ""),
+    "balls and a wall": ([{}, {"on_wall": True, "prefix": "b"}], ""),
+    "a wall and balls": ([{"on_wall": True, "prefix": "b"}, {}], ""),
+}
+
+
+@pytest.mark.parametrize("case", SECOND)
+def test_no_file_sets_what_another_one_set(case, tmp_path):
+    """The second one of `* *` and `1 2`, in either order, and the second wall acted for both."""
+    files, said = SECOND[case]
+    lines = []
+    for k, (options, restitution) in enumerate(zip(files, (0.9, 0.8), strict=True)):
+        law = sj.ConstantRestitution(PAIR, restitution)
+        cal.export(
+            law, "lammps", tmp_path / str(k), velocity_range=RANGE, tolerance=0.05, **options
+        )
+        lines.append(f"include {k}/in.{options.get('prefix', 'softjax')}")
+    code, out = output_of([*of_types(1, 1, lines)[:-4]], tmp_path)
+    if said:
+        assert code != 0
+        assert f"Unknown command: softjax: {said}" in out
+    else:
+        assert code == 0, out[-2000:]
+
+
+def test_a_stale_or_foreign_library_does_not_answer(plugin, tmp_path):
+    """A law of other numbers under the same prefix: 0.913 for 0.898 of another folder, 0.897 for 0.954 of before."""
+    folder = plugin[0]
+    cal.export(PLATE, "lammps", tmp_path, velocity_range=RANGE, law="exact", steps=100)
+    copy2(folder / "softjaxplugin.so", tmp_path)  # of before
+    code, out = output_of(impact(1.0, ["include in.softjax"], 1), tmp_path)
+    assert code != 0
+    assert "which has plate_" in out
+    assert "build it again by build.sh" in out
+    other = ["include in.softjax", f"shell cd {tmp_path}", "include in.softjax"]
+    code, out = output_of(impact(1.0, [*LOAD, *other[1:]], 1), folder)
+    assert code != 0
+    assert "laws of one script go into one folder, each with a --prefix" in out
 
 
 def gas(steps: int = 600) -> list[str]:
@@ -199,7 +276,7 @@ def test_a_box_is_filled(how, plugin):
         *box("p p f", "-.15 .15 -.15 .15 0 .6"),
         "region above block -.13 .13 -.13 .13 .05 .35",
         *LOAD,
-        "fix floor all softjax/wall plate zplane 0.0 NULL",
+        "fix floor all softjax/wall ${plate_law} zplane 0.0 NULL",
         "timestep 4e-6",
         *MOVES,
         "fix down all gravity 9.81 vector 0 0 -1",
@@ -221,6 +298,9 @@ def test_a_box_is_filled(how, plugin):
     assert "times the one that a softjax law was tested with" in out
 
 
+ACROSS = "fix floor all softjax/wall ${softjax_law} zplane 0.0 NULL\npair_style softjax"
+
+
 @pytest.mark.parametrize(
     ("line", "other", "message"),
     [
@@ -228,7 +308,8 @@ def test_a_box_is_filled(how, plugin):
         ("newton off", "newton on", "The laws of softjax need newton off"),
         ("block -1 1 -1 1", f"block -1 1 -0.02 {RADIUS}", "longer than two diameters"),
         ("run 1", "minimize 1e-4 1e-6 10 10", "need time: run, not minimize"),
-        ("* * softjax", "* * brass", "No law brass in this softjax plugin; it has plate softjax"),
+        ("* * ${softjax_law}", "* * brass", "No law brass in the softjax plugin that was loaded"),
+        ("pair_style softjax", ACROSS, "Fix softjax/wall cannot be across a periodic axis"),
     ],
 )
 def test_what_the_plugin_cannot_do_is_refused(line, other, message, plugin):
@@ -244,6 +325,7 @@ def test_a_table_is_of_one_pair_of_sizes(tmp_path):
     law = Borrowed(PAIR, sj.Thornton(PAIR, 2.8))
     cal.export(law, "lammps", tmp_path, velocity_range=RANGE, law="exact", steps=100)
     build(tmp_path)
+    write_names(tmp_path)
     settings = [*LOAD, "timestep 1e-6"]
     (found,) = lammps(impact(1.0, settings, 300), tmp_path)
     assert found[0] == pytest.approx(curve(law, 1.0), abs=1e-3)

@@ -52,7 +52,7 @@ def lines_of(text: str) -> list[str]:
 
 
 def time_step(text: str) -> float:
-    (number,) = re.findall(r"^(?:timestep|time_step =) (\S+)$", text, re.M)
+    (number,) = re.findall(r"(?:timestep|time_step =) ([\d.e-]+)\"?$", text, re.M)
     return float(number)
 
 
@@ -89,13 +89,16 @@ def lammps_force(text: str, mass: float = MASS, types="* *", radius: float = EFF
 
 
 def liggghts_numbers(text: str) -> tuple[str, dict[str, float]]:
-    """The model and the properties of one type of atoms."""
-    numbers = {}
-    kinds = r"(peratomtypepair 1|peratomtype|scalar)"
+    """The model and the properties of one type of atoms; of two and more they are the same."""
+    numbers: dict[str, float] = {}
+    kinds = r"(peratomtypepair \d|peratomtype|scalar)"
     for line in lines_of(text):
-        setting = re.fullmatch(rf"fix \S+ all property/global (\S+) {kinds} (\S+)", line)
-        if setting:
-            numbers[setting[1]] = float(setting[3])
+        for name, kind, values in re.findall(rf"all property/global (\S+) {kinds} ([^\"]+)", line):
+            found = {float(value) for value in values.split()}
+            assert found == {numbers.setdefault(name, *found)}
+            if kind != "scalar":  # as many as there are types, or pairs of them
+                (types,) = re.findall(r"softjax_types} == (\d)", line)
+                assert len(values.split()) == int(types) ** (1 + ("pair" in kind))
     (model,) = (line for line in lines_of(text) if line.startswith("pair_style gran model "))
     return model.removeprefix("pair_style gran model "), numbers
 
@@ -292,6 +295,28 @@ def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported
     assert k2(2.5 * peak) == pytest.approx(k2(2.0 * peak))
 
 
+@pytest.mark.parametrize("law", ["linear", "walton-braun"])
+@pytest.mark.parametrize("code", ["lammps", "liggghts", "yade", "c"])
+def test_a_stiffness_that_the_law_states_is_kept(code, law, exported):
+    """By the dashpot's share of the largest overlap it was written 1.8 times as large."""
+    source = sj.LinearSpringDashpot(PAIR, 1e6, 0.3)
+    if law == "walton-braun":
+        source = sj.WaltonBraun(PAIR, 1e6, 1e6, 30.0)
+    options = {"law": law, "tolerance": 0.1, "steps": 400, "gravity": 0.0}
+    made, folder = exported(source, code, **options)
+    assert made.choice.error < 1e-9
+    if (code, law) in {("lammps", "walton-braun"), ("c", "walton-braun"), ("c", "linear")}:
+        text = (folder / "softjax_law.h").read_text(encoding="utf-8")
+        (stiffness,) = re.findall(r"define SOFTJAX_(?:LOADING_)?STIFFNESS \(\(\w+\)(\S+)\)", text)
+        assert float(stiffness) == pytest.approx(1e6, rel=1e-12)
+        return
+    text, _ = read(folder, code)
+    if law == "linear":
+        assert READERS[code](text)(1e-5, 0.0) == pytest.approx(10.0, rel=1e-12)
+    else:
+        assert SPRINGS[code](text)[0] == pytest.approx(1e6, rel=1e-12)
+
+
 def test_sizes_that_are_named_have_a_line_for_each_pair(exported):
     """Spheres of two radii: ε of each pair is that of its own contact, at a step for the smallest."""
     law, radii = sj.ViscoelasticHertz(PAIR, 2e-6), (RADIUS, RADIUS / 2)
@@ -330,7 +355,7 @@ def test_the_line_of_a_wall_has_the_same_numbers_and_acts_where_a_wall_was_measu
         (pair,) = (line for line in text.splitlines() if line.startswith("# pair_coeff * * "))
         assert pair.removeprefix("# pair_coeff * * ") in wall
     else:
-        assert "it replaces that of a file included before" in text
+        assert "LIGGGHTS has one law for balls and walls" in text
         assert wall.endswith("wall/gran model hertz primitive type 1 zplane 0.0 limitForce on")
     assert "of a ball on a flat wall" in text
     _, folder = exported(source, code, on_wall=False, **options)

@@ -1,10 +1,11 @@
-/* LAMMPS plugin around the laws of this folder, PREFIX_law.h: each goes by its PREFIX.
+/* LAMMPS plugin around the laws of this folder, PREFIX_law.h. Each goes by its PREFIX and a hash of its numbers, as
+ * LAW stands in in.PREFIX: a library that was built of other numbers does not answer.
  *
  *     sh build.sh                                     makes softjaxplugin.so with all of them
  *     plugin load ./softjaxplugin.so
  *     pair_style softjax                              atom_style sphere, units si, newton off
- *     pair_coeff I J PREFIX                           the law between types I and J
- *     fix ID group softjax/wall PREFIX zplane LO HI   xplane, yplane or zplane; LO or HI may be NULL
+ *     pair_coeff I J LAW                              the law between types I and J
+ *     fix ID group softjax/wall LAW zplane LO HI      xplane, yplane or zplane; LO or HI may be NULL
  *
  * Normal forces alone. Spheres of `fix freeze` count as heavy; `fix rigid` is not looked at. At the end of a
  * run a warning counts the impacts outside the velocities that a law was written for.
@@ -76,7 +77,7 @@ struct Law {
     record.factor = contact.factor;                                                              \
     return name##_fits(&pair);                                                                   \
   }                                                                                              \
-  const Law name##_entry = { #name, NAME##_SLOWEST, NAME##_FASTEST, NAME##_STEP, name##_evaluated};
+  const Law name##_entry = {NAME##_LAW, NAME##_SLOWEST, NAME##_FASTEST, NAME##_STEP, name##_evaluated};
 SOFTJAX_LAWS
 #undef LAW
 #define LAW(name, NAME) &name##_entry,
@@ -88,7 +89,8 @@ const Law *law_of(const char *name, Error *error) {
     if (!strcmp(name, law->name)) return law;
     known += std::string(" ") + law->name;
   }
-  error->all(FLERR, "No law {} in this softjax plugin; it has{}", name, known);
+  error->all(FLERR, "No law {} in the softjax plugin that was loaded first, which has{}: build it again by build.sh; "
+             "laws of one script go into one folder, each with a --prefix", name, known);
 }
 
 /* The memory of all contacts, with the spheres over processors, sorting and restarts.
@@ -361,7 +363,7 @@ class PairSoftjax : public Pair {
   }
 };
 
-/* fix ID group softjax/wall PREFIX zplane LO HI */
+/* fix ID group softjax/wall LAW zplane LO HI */
 class FixSoftjaxWall : public FixSoftjaxMemory {
  public:
   FixSoftjaxWall(LAMMPS *lmp, int narg, char **arg) : FixSoftjaxMemory(lmp, narg, arg) {
@@ -374,6 +376,10 @@ class FixSoftjaxWall : public FixSoftjaxMemory {
     extscalar = extvector = 1;
     for (int side = 0; side < 2; side++)
       if (strcmp(arg[5 + side], "NULL")) place[side] = utils::numeric(FLERR, arg[5 + side], false, lmp);
+  }
+  void init() override {
+    FixSoftjaxMemory::init();
+    if (domain->periodicity[axis]) error->all(FLERR, "Fix softjax/wall cannot be across a periodic axis");
   }
   double compute_scalar() override { return of_all(taken); }
   double compute_vector(int) override { return of_all(given); }

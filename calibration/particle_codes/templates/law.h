@@ -18,7 +18,8 @@
  * -DSOFTJAX_REAL=float computes in single precision, -DSOFTJAX_INLINE=... qualifies the functions.
  */
 #ifndef SOFTJAX_LAW_H
-#define SOFTJAX_LAW_H
+#define SOFTJAX_LAW_H 0x@hash@
+#define SOFTJAX_LAW "softjax_@hash@" /* the name of this law and its numbers */
 
 #include <math.h>
 
@@ -41,7 +42,7 @@ typedef SOFTJAX_REAL softjax_real;
 {% if not end %}
 /* an impact slower than this [m/s] unloads along the loading curve, with a dashpot of this fraction of critical
  * damping that makes its eps the one of that velocity; 0: no such impact. A faster one feels it where it loads again. */
-#define SOFTJAX_HOLD_BELOW {{ low if hold else 0.0 }}
+#define SOFTJAX_HOLD_BELOW {{ held_below if hold else 0.0 }}
 #define SOFTJAX_HOLD ((softjax_real){{ hold }})
 {% endif %}
 
@@ -187,4 +188,6 @@ SOFTJAX_INLINE softjax_real softjax_force(const softjax_pair *pair, softjax_cont
   *stiffness = slope * unit / length;
   return p * unit;
 }
+#elif SOFTJAX_LAW_H != 0x@hash@
+#error "two laws of the prefix softjax: export one of them with another --prefix"
 #endif
