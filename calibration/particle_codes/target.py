@@ -16,7 +16,6 @@ from calibration.errors import DataError, printable
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 from softjax.many_body import elastic_limit, loading_work
-from softjax.numerics.gauss import gauss_legendre
 
 POINTS = 65  # velocities at which ε is compared, evenly in the logarithm
 POISSON_RATIO = 0.3  # where only the contact is known: the modulus that is written goes with it
@@ -242,11 +241,11 @@ def impacts_of(law: Any, velocity: Curve, losses: bool = True) -> Impacts:
 
 def _loading_time(law: Any, peak: Curve) -> Curve:
     """∫ dδ/δ' up to the largest overlap [s], ½ M δ'² = ∫ P dδ from δ to it, over s of δ = δ_max (1 - s²)."""
-    node, weight = gauss_legendre(NODES)
-    at = node[:, None]
+    node, weight = np.polynomial.legendre.leggauss(NODES)
+    at = (node[:, None] + 1) / 2
     works = jax.jit(_work_left)(law, np.sqrt(peak * (1 - at**2)), np.sqrt(peak + 0 * at))
     speed = np.sqrt(2 * np.asarray(works) / number_of(law.contact.mass))
-    return np.sum(weight[:, None] * 2 * peak * at / speed, axis=0)
+    return np.sum(weight[:, None] * peak * at / speed, axis=0)
 
 
 def _work_left(law: Any, low: Any, high: Any) -> Any:
