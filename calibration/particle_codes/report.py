@@ -282,7 +282,7 @@ class Export:
         if any(abs(x) > SMALL for ends in self.deviations.values() for x in ends):
             columns = zip(*self.deviations.values(), strict=True)
             ends = (", ".join(map(_deviation, self.deviations, column)) for column in columns)
-            rows["beside the law"] = "; ".join(
+            rows["deviations"] = "; ".join(
                 f"{number(v)} m/s: {end}" for v, end in zip((low, high), ends, strict=True)
             )
         if choice.impacts.gain:
