@@ -5,6 +5,7 @@ from calibration.data.measurements import RestitutionData as RestitutionData
 from calibration.data.plausible import plausibility as plausibility
 from calibration.data.point_errors import PointErrors as PointErrors
 from calibration.data.sheet import read_csv as read_csv
+from calibration.data.sheet import read_frame as read_frame
 from calibration.errors import DataError as DataError
 from calibration.errors import InputError as InputError
 from calibration.fitting.laws import LAWS as LAWS

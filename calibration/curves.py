@@ -153,7 +153,7 @@ def read_velocities(path: str) -> Velocities:
         if "velocity" not in headers:
             accepted = "one with velocity, or left out above one number a line"
             raise DataError("header", ", ".join(sheet), accepted)
-        _, _, _, unit = headers["velocity"]
+        unit = headers["velocity"].unit
         velocity = sheet[headers["velocity"].text]
         require("velocity", velocity, lambda v: v >= 0, "a finite speed of 0 m/s or more")
         return in_si(velocity, unit_of(unit or "m/s", "m/s"))

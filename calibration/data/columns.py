@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from difflib import get_close_matches
 from typing import NamedTuple
 
-from calibration.data.units import is_unit
+from calibration.data.units import is_bare_unit, is_other_unit, is_unit
 from calibration.errors import DataError
 
 
@@ -82,7 +82,12 @@ MEASURED_COLUMNS = (
 )
 # of a ball in flight, frame by frame; with a time they make a track
 TRACK_COLUMNS = (
-    Quantity("height", "m", "height of the ball"),
+    Quantity(
+        "height",
+        "m",
+        "height of the ball",
+        "h peak_height max_height maximum_height maximal_height apex_height peak apex",
+    ),
     Quantity(
         "position",
         "m",
@@ -172,17 +177,34 @@ SPELLED |= {f"{word}_{after}": name for after in UNCERTAIN for word, name in OF.
 SPELLED |= {f"±{word}": name for word, name in OF.items()}
 ALONE = "unc error err stdev std sd ± standard_deviation standard_uncertainty standard_error"
 KNOWN |= dict.fromkeys(ALONE.split(), "uncertainty")
+BARE = {*ALONE.split(), "uncertainty"}
+QUANTITY = {
+    column.name for column in (*MEASURED_COLUMNS, *TRACK_COLUMNS, *OBSERVED_COLUMNS, *SIZE_COLUMNS)
+}
+# how symbols of a quantity begin, as in `drop height (h)`
+SYMBOLS = {
+    **dict.fromkeys(("velocity", "impact_velocity", "rebound_velocity"), "v|u|w"),
+    **dict.fromkeys(("drop_height", "rebound_height", "height"), "h|y|z|x|d|s"),
+    **{"restitution": "e|ε|k|r|cor|cr|c_r|eps", "interval": "t|τ|δt|dt", "time": "t|τ"},
+    **{"contact_time": "t|τ|δt", "peak_force": "f", "peak_overlap": "δ|x|d", "dent_diameter": "d"},
+    **{"diameter": "d|ø|⌀", "radius": "r", "mass": "m", "position": "x|y|z|s"},
+}
+MARKED = 3  # letters of a name that a symbol may follow
 NEAR = 0.82  # of difflib: velocty is near to velocity, interval_index is not to interval
 LONGEST = 200  # characters of a heading that may be a name
 
 
 class Header(NamedTuple):
-    """A heading: as written, its name (of `SI_UNITS`, or None), its words, its unit."""
+    """A heading: as written, its name (of `SI_UNITS`, or None), its words, its unit.
+
+    `other` is the name that its words have, where the unit is of another quantity.
+    """
 
     text: str
     name: str | None
     words: str
     unit: str | None
+    other: str | None = None
 
 
 def read_header(text: str) -> Header:
@@ -192,8 +214,14 @@ def read_header(text: str) -> Header:
         return Header(text, None, "", None)
     for words, unit, is_sure in _readings(text):
         name = _canonical(words)
-        if name is not None and (is_sure or is_unit(unit or "", SI_UNITS[name]) or unit == "%"):
-            return Header(text, name, plain(words), unit)
+        if name is None or not (is_sure or is_unit(unit or "", SI_UNITS[name]) or unit == "%"):
+            continue
+        is_other = unit is not None and not is_unit(unit, SI_UNITS[name])
+        if is_other and plain(str(unit)) != plain(words) and is_symbol(str(unit), name):
+            return Header(text, name, plain(words), None)
+        if is_other and name in QUANTITY and is_other_unit(str(unit), SI_UNITS[name]):
+            return Header(text, None, plain(words), unit, name)
+        return Header(text, name, plain(words), unit)
     base = re.split(r"[\[(]", text)[0]
     if _canonical(base) is not None:
         raise DataError("column", repr(text), "a name and one unit, as in `velocity [m/s]`")
@@ -208,13 +236,25 @@ def read_header(text: str) -> Header:
 def _canonical(words: str) -> str | None:
     """The format's name of a column from a user's heading; None if there is none."""
     name = plain(words)
-    return KNOWN.get(name) or SPELLED.get(name)
+    known = KNOWN.get(name) or SPELLED.get(name)
+    before, _, last = name.rpartition("_")
+    if known is None and len(before) > MARKED and is_symbol(last, KNOWN.get(before, "")):
+        return KNOWN[before]  # drop height h, coefficient of restitution (e)
+    return known
+
+
+def is_symbol(text: str, name: str) -> bool:
+    """Whether a text is the symbol of a quantity, as in `drop height (h)` or `velocity v1`."""
+    symbol = plain(text)
+    if KNOWN.get(symbol) == name and name in QUANTITY:
+        return True
+    return bool(re.fullmatch(rf"(?:{SYMBOLS.get(name, '(?!)')})(?:_?[a-z0-9]{{0,3}})'?", symbol))
 
 
 def plain(words: str) -> str:
     """Small letters, one underscore for all that separates, subscripts on the line."""
     text = unicodedata.normalize("NFKC", words).casefold().replace("′", "'")
-    return re.sub(r"[\s_.\-(){}$\\]+", "_", text).strip("_")
+    return re.sub(r"[\s_.,\-(){}$\\]+", "_", text.replace("\ufeff", "")).strip("_")
 
 
 def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
@@ -226,5 +266,7 @@ def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
     for mark in ("/", ",", " in ", "_"):
         for match in re.finditer(re.escape(mark), text):
             unit = re.sub(r"^\((.*)\)$", r"\1", text[match.end() :].strip())
-            if mark == "/" or unit not in ("1", "-"):  # e_1 is the first of several
+            if mark == "/" and unit in ("c", "min", "h"):
+                continue
+            if mark in ("/", " in ") or is_bare_unit(unit):  # e_1 is the first of several
                 yield text[: match.start()], unit, False

@@ -31,6 +31,8 @@ TOUCHED = 3  # readings that one point has at most: the times of three bounces
 Slopes = Float[np.ndarray, "n 3"]
 OF_VELOCITIES = ("impact_velocity", "rebound_velocity")
 OF_HEIGHTS = ("drop_height", "rebound_height")
+FRAMES = 3  # intervals that are equal by chance no more
+EVEN = 1e-3  # of an interval, by which frames of a camera differ
 SEPARATES = "(a launch column separates launches)"
 
 
@@ -84,6 +86,7 @@ class Kind:
     uncertainties: tuple[str, ...] = ()
 
     is_sequence: ClassVar = False  # rows are bounces that follow each other
+    is_numbered: ClassVar = False  # a column counts the bounces
     is_flight: ClassVar = False  # velocities are those of free flights, in air
     has_velocity: ClassVar = False  # v is itself a reading
     has_signs: ClassVar = False  # readings before and after are of opposite directions
@@ -96,6 +99,11 @@ class Kind:
     accepted: ClassVar = ""  # what a reading must be
     follows: ClassVar = ""  # what a reading after another must be
     too_short: ClassVar = ""  # a launch that gives no restitution
+
+    @property
+    def named(self) -> str:
+        """The columns, as a refusal names them."""
+        return " with ".join(self.needs) + " (with launch)" * self.is_sequence
 
     @property
     def has_restitution(self) -> bool:
@@ -113,6 +121,10 @@ class Kind:
         """Impacts from readings in SI; `floor`: x₂ where the slope in it is taken."""
         raise DataError("kind of measurement", self.name or "none", "one with readings")
 
+    def in_vacuum(self, reading: Column, gravity: float) -> Column:
+        """Speed at the beginning and at the end of a flight [m/s]; the reading itself where it is one."""
+        return reading
+
     def flights(self, readings: Column) -> Column:
         """Readings of the flights between bounces that follow each other."""
         return readings
@@ -124,6 +136,10 @@ class Kind:
         """
         bad = np.flatnonzero(~(np.isfinite(readings) & (readings > 0)))
         return (int(bad[0]), self.accepted) if bad.size else None
+
+    def difference(self, sizes: Column) -> Column:
+        """Standard error of the difference of a flight's reading and that of the next, (m,), of (n,) readings."""
+        return np.hypot(sizes[:-1], sizes[1:])
 
     def shared(self, impacts: Impacts) -> tuple[Slopes, Slopes]:
         """∂ε and ∂v, (n, 3), by the readings of each point, in the order of its rows."""
@@ -231,6 +247,20 @@ class OfBounces(InFlight):
         return {self.uncertainties[-1]: np.full(rows, np.median(sizes))}
 
 
+class Peaks(OfHeights, OfBounces):
+    """The heights from which a ball falls and to which it rises, one after the other."""
+
+    is_numbered = True
+    named = "bounce with height (with launch)"
+    accepted = "a positive height in m: no gap within a launch"
+    follows = f"lower than the one above {SEPARATES}"
+    too_short = "a single height"
+
+    def readings(self, velocity, restitution, gravity) -> dict[str, Any]:
+        drop = velocity**2 / (2 * gravity)
+        return launches(self.needs[0], drop, restitution**2 * drop)
+
+
 class OfTimes(OfBounces):
     """Times of flights."""
 
@@ -268,10 +298,16 @@ class Times(OfTimes):
     def flights(self, readings: Column) -> Column:
         return np.diff(readings)
 
+    def difference(self, sizes: Column) -> Column:
+        return np.sqrt(sizes[:-2] ** 2 + 4 * sizes[1:-1] ** 2 + sizes[2:] ** 2)
+
     def refused(self, readings, follows) -> tuple[int, str] | None:
         bad = np.flatnonzero(~np.isfinite(readings))
         if bad.size:
             return int(bad[0]), self.accepted
+        if are_frames(readings):
+            accepted = "those of bounces: these are equally spaced, as frames of a track are"
+            return 1, f"{accepted}; a track has a column height, position, y or z too"
         back = 1 + np.flatnonzero((np.diff(readings) <= 0) & follows[1:])
         return (int(back[0]), f"later than the one above it {SEPARATES}") if back.size else None
 
@@ -282,6 +318,22 @@ class Times(OfTimes):
     def readings(self, velocity, restitution, gravity) -> dict[str, Any]:
         first = 2 * velocity / gravity
         return launches(self.needs[0], 0 * first, first, first * (1 + restitution))
+
+
+def are_frames(times: Column) -> bool:
+    """Whether times are equally spaced but for rounding to their decimals; bounces come ever sooner."""
+    steps = np.diff(times)
+    if len(steps) < FRAMES or np.min(steps) <= 0:
+        return False
+    scaled = times[:, None] * 10.0 ** np.arange(8)
+    is_whole = np.all(
+        np.abs(scaled - np.round(scaled)) < 1e-6 * np.maximum(1, np.abs(scaled)), axis=0
+    )
+    digit = 10.0 ** -float(np.argmax(is_whole)) if np.any(is_whole) else 0.0
+    count = np.arange(len(times))
+    off = times - np.polyval(np.polyfit(count, times, 1), count)
+    even = np.ptp(steps) <= max(1.01 * digit, EVEN * np.median(steps))
+    return bool(even and np.max(np.abs(off)) <= max(0.55 * digit, EVEN * np.median(steps)))
 
 
 def launches(name: str, *rows: Column) -> dict[str, Any]:
@@ -305,6 +357,7 @@ INTERVALS = Intervals(
 TIMES = Times(
     "times", ("time",), "from the intervals between them", _uncertainties("time", "timing")
 )
+PEAKS = Peaks("peak heights", ("height",), "√(hₙ₊₁/hₙ), √(2ghₙ)", _uncertainties("height"))
 # of points that were averaged; no columns
 REPEATS = Kind("repeats", (), "means of repeats")
 # sets of columns: where several are complete the first of these is used
@@ -319,7 +372,9 @@ WITHOUT_RESTITUTION = (
         _uncertainties("drop_height", "height"),
     ),
 )
-KINDS = {kind.name: kind for kind in (STATED, VELOCITIES, HEIGHTS, INTERVALS, TIMES, REPEATS)}
+KINDS = {
+    kind.name: kind for kind in (STATED, VELOCITIES, HEIGHTS, INTERVALS, TIMES, PEAKS, REPEATS)
+}
 
 
 def kind_named(name: str) -> Kind:

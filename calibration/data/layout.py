@@ -5,6 +5,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from calibration.data.columns import (
+    BARE,
     FIRST,
     LABELS,
     MEASURED,
@@ -16,21 +17,20 @@ from calibration.data.columns import (
     Header,
     read_header,
 )
-from calibration.data.kinds import KINDS, SETS, TIMES, WITHOUT_RESTITUTION, Kind
-from calibration.data.units import PERCENT, unit_of
+from calibration.data.kinds import KINDS, PEAKS, SETS, TIMES, WITHOUT_RESTITUTION, Kind
+from calibration.data.units import PERCENT, is_unit, unit_of
+from calibration.data.words import BOUNCED, tokens
 from calibration.errors import DataError, listed
 
 MOST_NAMED = 10  # columns that a remark names
+ONCE = "there once (of several materials one file and one [[material]] each; of several launches or trials one below the other)"
+OWNED = "named with its quantity, as `u_e`, `u_v` or `SD of rebound height`"
 NO_UNIT = "no unit in the header"  # how a remark begins
 
 
 def accepted_sets() -> str:
     """The sets of columns, as a refusal names them."""
-    sets = [
-        " with ".join(kind.needs) + " (with launch)" * kind.is_sequence
-        for kind in KINDS.values()
-        if kind.needs
-    ]
+    sets = [kind.named for kind in KINDS.values() if kind.needs]
     without = ", or ".join(kind.needs[0] for kind in WITHOUT_RESTITUTION)
     *others, last = OBSERVED
     return f"{', '.join(sets[:-1])}, or {sets[-1]}; or {without}, with {listed(others)} or {last}"
@@ -39,7 +39,7 @@ def accepted_sets() -> str:
 class Layout(NamedTuple):
     """The columns that are used: where each is, its unit as a factor and as written, what is in %.
 
-    `remarks` say how headings were read, `assumed` which units are missing.
+    `unused` are the places of the others. `remarks` say how headings were read, `assumed` which units are missing.
     """
 
     kind: Kind
@@ -47,13 +47,15 @@ class Layout(NamedTuple):
     units: dict[str, Fraction]
     written: dict[str, str | None]
     relative: frozenset[str]
+    unused: tuple[int, ...]
     remarks: tuple[str, ...]
     assumed: str = ""
 
 
-def layout_of(headers: Sequence[str]) -> Layout:
-    """Layout of a table from its headings; raises DataError."""
+def layout_of(headers: Sequence[str], stated: Sequence[str] = ()) -> Layout:
+    """Layout of a table from its headings, and of those that are stated of all rows; raises DataError."""
     read = _resolved([read_header(text) for text in headers])
+    read = [*_with_owners(read), *map(read_header, stated)]
     names = {header.name for header in read if header.name is not None}
     kind = _kind_of(names, read)
     position: dict[str, int] = {}
@@ -62,7 +64,8 @@ def layout_of(headers: Sequence[str]) -> Layout:
             continue
         if header.name in position:
             both = f"{read[position[header.name]].text!r} and {header.text!r}"
-            raise DataError("column", f"{header.name} twice, {both}", "there once")
+            once = ONCE if header.name in MEASURED else "there once"
+            raise DataError("column", f"{header.name} twice, {both}", once)
         position[header.name] = at
     written = {name: read[at].unit for name, at in position.items()}
     percent = {name for name, unit in written.items() if unit == "%" and "uncertainty" in name}
@@ -77,15 +80,21 @@ def layout_of(headers: Sequence[str]) -> Layout:
     without = [n for n in (*kind.needs, *OBSERVED, *SIZES) if written.get(n, "") is None]
     assumed = [f"{name} in {SI_UNITS[name]}" for name in without if name != "restitution"]
     note = f"{NO_UNIT}, assuming {listed(assumed)}" if assumed else ""
-    return Layout(kind, position, sizes, written, relative, tuple(remarks), note)
+    unused = tuple(k for k in range(len(headers)) if k not in position.values())
+    return Layout(kind, position, sizes, written, relative, unused, tuple(remarks), note)
 
 
 def _resolved(read: Sequence[Header]) -> list[Header]:
     """The headings with the names that they have next to each other."""
     names, words = {header.name for header in read}, {header.words for header in read}
     first_is_drop = "drop_height" not in names and SECOND & words
+    # heights between bounces that are numbered
+    is_numbered = any({*tokens(h.text)} & BOUNCED and h.name is None for h in read)
+    are_peaks = is_numbered and not names & {"drop_height", "height"} and not first_is_drop
 
     def name_of(header: Header) -> str | None:
+        if are_peaks and (header.name == "rebound_height"):
+            return "height"
         if header.name is None or (first_is_drop and header.words in FIRST):
             return header.name and "drop_height"
         if "rebound_velocity" not in names:
@@ -95,25 +104,72 @@ def _resolved(read: Sequence[Header]) -> list[Header]:
     return [header._replace(name=name_of(header)) for header in read]
 
 
+def _with_owners(read: Sequence[Header]) -> Iterator[Header]:
+    """Bare uncertainties (`SD`, `±`) as those of the column before them; raises DataError.
+
+    Two readings are possible where ε stands further to the left, or where a column that is not used
+    stands between.
+    """
+    owner: Header | None = None
+    has_own: set[str] = set()  # columns whose uncertainty is known
+    for header in read:
+        is_bare = header.words in BARE and (
+            header.unit is None or not is_unit(header.unit, "1") or header.unit == "%"
+        )
+        if is_bare and header.words == "uncertainty" and header.unit in (None, "%"):
+            is_bare = False  # the format's own name, of ε
+        if not is_bare:
+            yield header
+            if header.name is None or header.name in MEASURED or header.name in OBSERVED:
+                owner = header if header.text else owner
+            elif header.name.endswith("uncertainty"):
+                has_own.add(
+                    "restitution"
+                    if header.name == "uncertainty"
+                    else header.name.removesuffix("_uncertainty")
+                )
+            continue
+        if owner is None or owner.name is None:
+            stands = "first" if owner is None else f"behind {owner.text!r}, which is not used"
+            raise DataError("column", f"{header.text!r}, {stands}", OWNED)
+        left = [h.name for h in read[: read.index(header)]]
+        if owner.name != "restitution" and "restitution" in left and "restitution" not in has_own:
+            raise DataError("column", f"{header.text!r}, of {owner.text!r} or of ε", OWNED)
+        has_own.add(owner.name)
+        name = "uncertainty" if owner.name == "restitution" else f"{owner.name}_uncertainty"
+        yield header._replace(name=name, unit=header.unit or owner.unit)
+
+
 def is_track(read: Sequence[Header]) -> bool:
     """Whether a table has a time with heights or positions and no other measurement."""
     names = {header.name for header in read}
-    has_time = "time" in names or "t" in {header.words for header in read}
+    has_time = "time" in names or any(tokens(h.text) == ["t"] for h in read)
     return has_time and bool(names & {*TRACKED}) and not names & ({*MEASURED, *OBSERVED} - {"time"})
 
 
 def _kind_of(names: Iterable[str], read: Sequence[Header]) -> Kind:
-    for kind in (*SETS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ()), TIMES):
-        if kind is TIMES and is_track(read):
-            continue
+    for kind in (*SETS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ())):
         if {*kind.needs} <= {*names}:
             return kind
+    measured = {*names} & {*MEASURED, *OBSERVED}
+    is_numbered = any({*tokens(h.text)} & BOUNCED and h.name is None for h in read)
+    if PEAKS.needs[0] in names and not measured - {"time"} and is_numbered:
+        return PEAKS
     if is_track(read):
-        accepted = f"impacts, one a row: {accepted_sets()}"
-        raise DataError("table", "a track, heights or positions at times", accepted)
+        raise DataError(
+            "table",
+            "a track, heights or positions at times",
+            f"impacts, one a row: {accepted_sets()}",
+        )
+    if measured == {"time"}:
+        return TIMES
+    for header in read:
+        if header.other is not None:
+            _size(header.other, header.unit)  # refused with the units that it may have
     others = [repr(header.text) for header in read if header.name is None]
     unknown = f"not known: {listed(others[:MOST_NAMED])}" if others else ""
-    description = "; ".join(filter(None, [listed(sorted(names)), unknown])) or "empty"
+    stamp = "a time beside others is a stamp, and not used" if "time" in measured else ""
+    description = "; ".join(filter(None, [listed(sorted(names)), unknown, stamp])) or "empty"
     raise DataError("set of columns", description, accepted_sets())
 
 
@@ -139,12 +195,9 @@ def _size(name: str, unit: str | None) -> Fraction:
 
 
 def _remarks(read: Sequence[Header], used: Mapping[Any, int]) -> Iterator[str]:
-    """One line on headings with other names, one on columns that are not used."""
+    """A line on headings with other names."""
     plain = ("velocity", "impact_velocity")
-    found = [h for h in read if h.name in used and h.words not in (h.name, *plain)]
-    left = [repr(h.text[:40]) for h in read if h.name not in used and h.text]
+    found = [read[at] for at in used.values()]
+    found = [h for h in found if h.words not in (h.name, *plain)]
     if found:
         yield f"headings read as: {listed(f'{h.name} ({h.text!r})' for h in found)}"
-    if left:
-        more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
-        yield f"columns not used: {listed(left[:MOST_NAMED])}{more}"

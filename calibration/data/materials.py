@@ -49,7 +49,7 @@ PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
 NAMED = {"stainless steel": sj.STAINLESS_STEEL, "chrome steel": sj.CHROME_STEEL, "nylon": sj.NYLON}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
-OF_DATA = ("gravity", "dent", "limit_velocity")
+OF_DATA = ("gravity", "dent", "limit_velocity", "sheet", "repeats")
 PLAUSIBLE = dict.fromkeys((*RADII, *DIAMETERS), RANGES["radius"]) | RANGES
 NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"
 
@@ -118,6 +118,8 @@ class _Material(BodyTable):
 
     name: Annotated[Text, Field(max_length=LONGEST_NAME)] | None = None
     data: Text | None = None
+    sheet: Text | None = None
+    repeats: bool | None = None
     radius: Length = None
     radius_1: Length = None
     radius_2: Length = None

@@ -28,9 +28,11 @@ from calibration.data.checks import (
 )
 from calibration.data.columns import LABELS, OBSERVED, SI_UNITS, SIZES, UNCERTAINTIES
 from calibration.data.kinds import OF_HEIGHTS, Kind
-from calibration.data.layout import Layout, layout_of
+from calibration.data.layout import MOST_NAMED, Layout, layout_of
 from calibration.data.point_errors import PointErrors, paired
 from calibration.data.units import in_si, parted, unit_of
+from calibration.data.unused import Unused, as_cells, check_unused, launches_of
+from calibration.data.words import BOUNCED
 from calibration.errors import DataError, Origin, did_you_mean, listed
 
 STANDARD_GRAVITY = 9.80665  # m/s²
@@ -41,7 +43,8 @@ NOT_CORRECTED = (
     "not corrected for air: the ball's diameter, and its mass or density, are not given "
     "(air = false says that no correction is needed)"
 )
-HIGHER = 1.3  # times the interval before: no noise
+HIGHER = 0.05  # of ε above 1, from which on no noise brings a bounce that is higher than the last
+SURE = 4.0  # standard errors
 
 
 class Rows(NamedTuple):
@@ -52,6 +55,7 @@ class Rows(NamedTuple):
         gravity: g [m/s²].
         contact: that of the two bodies, of arrays where a column has their sizes; None if unknown.
         bodies: the two bodies, () if unknown.
+        assumed: which units of a file are missing and taken for SI; "" for none.
         air: None where flights are not corrected.
     """
 
@@ -65,6 +69,7 @@ class Rows(NamedTuple):
     fall: Fall | None
     remarks: tuple[str, ...]
     origin: Origin | None
+    assumed: str
 
     def uncertainty(self, name: str, of: Column) -> Column | None:
         """The uncertainty of `of` in the column of that name, None where there is none."""
@@ -119,11 +124,15 @@ def read_rows(
     headers = getattr(table, "columns", None)  # a frame's
     headers = list(getattr(table, "keys", tuple)() if headers is None else headers)
     for_all = dict(_heading(*stated) for stated in uncertainties.items())
-    layout = layout_of([*map(str, headers), *for_all])
+    layout = layout_of([*map(str, headers)], [*for_all])
     kind, columns = layout.kind, {}
+    # a file's cells are text
+    numbers_of: Any = getattr(type(table), "numbers_of", None)
+    text_of: Any = getattr(type(table), "text_of", None)
     for name, at in layout.position.items():
         if at < len(headers):
-            values = table[headers[at]]
+            is_sheet = numbers_of is not None and name not in LABELS
+            values = numbers_of(table, headers[at], name) if is_sheet else table[headers[at]]
         else:
             stated = [*for_all.values()][at - len(headers)]
             number = as_number(name, stated, lambda _: True, "a number")
@@ -147,6 +156,15 @@ def read_rows(
     for name in {*kind.uncertainties[:-1]} & {*columns}:
         if kind.uncertainties[-1] in columns:
             raise DataError(name, f"given with {kind.uncertainties[-1]}", "given once")
+    unused = [
+        Unused(
+            str(headers[at]),
+            text_of(table, headers[at]) if text_of else as_cells(table[headers[at]]),
+        )
+        for at in layout.unused
+        if str(headers[at]).strip()
+    ]
+    remarks = _divided(kind, unused, columns)
     if "launch" in columns:
         columns.setdefault("group", _launches(columns["launch"]))
     for name in {*SIZES} & {*columns}:
@@ -157,10 +175,35 @@ def read_rows(
     g = as_number("gravity", g, lambda g: g > 0, "a positive acceleration in m/s²")
     sizes = {name: columns[name] for name in SIZES if name in columns}
     contact, bodies = pair.of_rows(sizes)
-    around, remarks = _air(air, pair.ball.of_rows(**sizes), kind, g)
-    remarks = (*layout.remarks, *filter(None, [layout.assumed * (origin is not None)]), *remarks)
+    around, of_air = _air(air, pair.ball.of_rows(**sizes), kind, g)
+    assumed = layout.assumed * (origin is not None)
+    remarks = (*layout.remarks, *remarks, *filter(None, [assumed]), *of_air)
     fall = _fall(layout, around, g)
-    return Rows(kind, columns, layout.relative, g, contact, bodies, around, fall, remarks, origin)
+    used = kind, columns, layout.relative, g, contact, bodies, around, fall
+    return Rows(*used, remarks, origin, assumed)
+
+
+def _divided(kind: Kind, unused: Sequence[Unused], columns: dict[str, Any]) -> tuple[str, ...]:
+    """Refuse unused columns that make several experiments of the rows; those of bounces give their launches."""
+    launches = None
+    if kind.is_sequence and "launch" not in columns:
+        launches = launches_of(unused)
+    rest = [column for column in unused if launches is None or column.heading != launches[0]]
+    settings = {n: columns[n] for n in kind.needs[:1] if n in columns and not kind.is_sequence}
+    check_unused(rest, settings, "group" in columns or (kind.is_sequence and "launch" in columns))
+    left = [
+        repr(column.heading[:40])
+        for column in rest
+        if not (kind.is_numbered and column.words & BOUNCED)
+    ]
+    more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
+    remarks = [f"columns not used: {listed(left[:MOST_NAMED])}{more}"] * bool(left)
+    if launches is not None:
+        heading, labels = launches
+        columns["launch"] = as_labels("launch", labels)
+        count = 1 + int(np.sum(columns["launch"][1:] != columns["launch"][:-1]))
+        remarks = [f"{heading[:40]!r} is read as the launch: {count} launches", *remarks]
+    return tuple(remarks)
 
 
 def points_of(rows: Rows) -> Points:
@@ -304,6 +347,8 @@ def _impacts(rows: Rows, first: Column, second: Column, floor: Column, index: An
     `floor`: where the slope in `second` is taken; `index`, `sizes`: of the input errors.
     """
     kind, gravity, air = rows.kind, rows.gravity, rows.air
+    if kind.is_flight and kind.needs[0] in rows.assumed:
+        _check_assumed(rows, first)
     impacts = kind.impacts(first, second, floor, gravity, air)
     velocity, restitution = impacts.velocity, impacts.restitution
     remarks: tuple[str, ...] = ()
@@ -321,6 +366,16 @@ def _impacts(rows: Rows, first: Column, second: Column, floor: Column, index: An
         index, to_restitution, to_velocity, sizes, kind.name, by_drag=impacts.by_drag
     )
     return velocity, restitution, errors, remarks
+
+
+def _check_assumed(rows: Rows, first: Column) -> None:
+    """Refuse readings without a unit that would be of falls from higher than anybody drops a ball."""
+    fastest = float(np.nanmax(rows.kind.in_vacuum(first, rows.gravity)))
+    if fastest > FASTEST_FALL:
+        name, height = rows.kind.needs[0], fastest**2 / (2 * rows.gravity)
+        si = SI_UNITS[name]
+        accepted = f"with its unit in the header, as in `{name} [m{si}]`: in {si} balls would fall {height:.3g} m"
+        raise DataError(name, f"{float(np.nanmax(first)):.6g} without a unit", accepted)
 
 
 def _with_own(errors: PointErrors, rows: Rows, velocity: Column, restitution: Column):
@@ -425,17 +480,19 @@ def _sizes_of_pairs(rows: Rows, names: tuple[str, str], values: tuple[Column, Co
 
 
 def _sequences(rows: Rows) -> Points:
+    kept, left_out = _without_last(rows)
+    rows = rows.take(kept)
     (name,) = rows.kind.needs
     span = rows.kind.span
-    with rows_blamed():
+    with rows_blamed(kept):
         sequence = np.cumsum(_breaks(rows))
-        interval = _intervals(rows, name, sequence)
         sizes = _timing(rows, name)
+        reading = _flights(rows, name, sequence, sizes)
     first = np.flatnonzero(sequence[span:] == sequence[:-span])
     if not first.size:
         accepted = f"of {span + 1} adjacent rows or more"
         raise DataError("launch", f"of {span} row(s) everywhere", accepted)
-    taken, after = first + span - 1, interval[first + 1]
+    taken, after = first + span - 1, reading[first + 1]
     used = rows.take(taken)
     index = first[:, None] + np.arange(3)
     index[:, 1 + span :] = -1
@@ -443,15 +500,32 @@ def _sequences(rows: Rows) -> Points:
     index = np.where(index < 0, -1, np.searchsorted(numbers, index))
     sizes = None if sizes is None else sizes[numbers]
     velocity, restitution, errors, of_air = _impacts(
-        used, interval[first], after, after, index, sizes
+        used, reading[first], after, after, index, sizes
     )
-    with rows_blamed(taken):
+    with rows_blamed(kept[taken]):
         errors, added = _with_own(errors, used, velocity, restitution)
     short = int(np.sum(np.bincount(sequence) <= span))
     remarks = [
         f"{short} launch(es) of {rows.kind.too_short} give no restitution and are not used"
     ] * bool(short)
-    return Points(velocity, restitution, errors, taken, (*remarks, *added, *of_air))
+    remarks = [*left_out, *remarks, *added, *of_air]
+    return Points(velocity, restitution, errors, kept[taken], tuple(remarks))
+
+
+def _without_last(rows: Rows) -> tuple[Int[np.ndarray, " k"], list[str]]:
+    """The rows without empty ones at the end of a launch, or an interval of 0 there, as programs write them."""
+    values = rows.columns[rows.kind.needs[0]]
+    sequence = np.cumsum(_breaks(rows))
+    is_none = np.isnan(values) | ((values == 0) & (not rows.kind.has_no_zero))
+    # the last of each launch that is there
+    last = np.zeros(sequence[-1] + 1, int) - 1
+    last[sequence[~is_none]] = np.flatnonzero(~is_none)
+    left = np.flatnonzero(np.arange(len(values)) > last[sequence])
+    if not len(left) or len(left) == len(values):
+        return np.arange(len(values)), []
+    text = "empty or 0" if np.any(np.isnan(values[left])) else "0"
+    remark = f"{len(left)} {rows.kind.needs[0]}(s) at the end of a launch, {text}, are left out"
+    return np.delete(np.arange(len(values)), left), [remark]
 
 
 def _breaks(rows: Rows) -> np.ndarray:
@@ -463,21 +537,27 @@ def _breaks(rows: Rows) -> np.ndarray:
     return breaks
 
 
-def _intervals(rows: Rows, name: str, sequence: np.ndarray) -> Column:
-    """Times from each bounce to the next; those from one launch to another mean nothing."""
+def _flights(rows: Rows, name: str, sequence: np.ndarray, sizes: Column | None) -> Column:
+    """Readings of the flights from each bounce to the next; those from one launch to another mean nothing."""
     values, kind = rows.columns[name], rows.kind
     follows = np.append(False, sequence[1:] == sequence[:-1])
     refused = kind.refused(values, follows)
     if refused is not None:
         row, accepted = refused
         raise DataError(name, float(values[row]), accepted, row)
-    steps = kind.flights(values)
-    if "group" not in rows.columns:
-        # a bounce much higher than the last is the next launch, in a table that names none
-        higher = np.flatnonzero(steps[1:] > HIGHER * steps[:-1])
-        for row in higher + 1 + len(values) - len(steps):
+    flights = kind.flights(values)
+    if "group" not in rows.columns and len(flights) > 1:
+        # a bounce that is surely higher than the last is the next launch, in a table that names none
+        highest = flights[:-1] * (1 + HIGHER) ** (1 / kind.power)
+        of_eps = rows.uncertainty("uncertainty", np.ones(len(values)))
+        if sizes is not None:
+            highest = flights[:-1] + SURE * kind.difference(sizes)
+        elif of_eps is not None:
+            before = of_eps[kind.span - 1 : kind.span - 1 + len(highest)]
+            highest = flights[:-1] * (1 + SURE * np.nan_to_num(before)) ** (1 / kind.power)
+        for row in np.flatnonzero(flights[1:] > highest) + 1 + len(values) - len(flights):
             raise DataError(name, float(values[row]), kind.follows, int(row))
-    return steps
+    return flights
 
 
 def _timing(rows: Rows, name: str) -> Column | None:

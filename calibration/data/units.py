@@ -30,6 +30,35 @@ NAMED = {
     "": "",
 }
 ANY_CASE = ("m/s", "m", "s")
+# units behind an underscore or a comma; some only as a part of a speed
+IN_SPEEDS = ["h", "km"]
+BARE = {
+    *[
+        "m",
+        "cm",
+        "mm",
+        "um",
+        "ft",
+        "in",
+        "s",
+        "ms",
+        "us",
+        "N",
+        "kN",
+        "g",
+        "kg",
+        "%",
+        "kmh",
+        "kmph",
+        "kph",
+        "mph",
+        "mps",
+        "fps",
+        "sec",
+    ],
+    *IN_SPEEDS,
+}
+NEVER = ("c",)  # the speed of light
 POWERS = {"G": 9, "M": 6, "k": 3, "c": -2, "m": -3}  # of ten, that prefixes stand for
 SIGNS = str.maketrans(
     {"⁻": "-", "−": "-", "¹": "1", "²": "2", "³": "3", "µ": "u", "μ": "u", "_": "/"}
@@ -56,6 +85,28 @@ def unit_of(text: str, si: str) -> Fraction:
 
 def is_unit(text: str, si: str) -> bool:
     return _find(text, si) is not None
+
+
+def is_other_unit(text: str, si: str) -> bool:
+    """Whether this is a unit, but of another quantity than `si` is."""
+    name = _plain(text)
+    if _find(text, si) is not None or not UNIT.fullmatch(name) or re.search(r"\d\d", name):
+        return False
+    try:
+        unit = _registry().parse_units(POWER.sub(r"**\1", name))
+        target = _registry().parse_units(si if si not in ("1", "") else "dimensionless")
+    except Exception:  # for what is no unit pint raises errors of many kinds
+        return False
+    return unit.dimensionality != target.dimensionality
+
+
+def is_bare_unit(text: str) -> bool:
+    """Whether a unit is plain enough to stand behind an underscore or a comma: `h_mm`, `v, m/s`, never `v_c`."""
+    name = _plain(text).replace("µ", "u")
+    atoms = [atom for atom in re.split(r"[\s/^·0-9-]+", name) if atom]
+    single = len(atoms) == 1 and re.fullmatch(r"[A-Za-z%]+", name)
+    of_case = [atom if atom in BARE else atom.lower() for atom in atoms]
+    return bool(atoms) and all(a in BARE - {*IN_SPEEDS * bool(single)} for a in of_case)
 
 
 def in_si(values: Any, unit: Fraction) -> Any:
@@ -91,6 +142,8 @@ def _find(text: str, si: str) -> Fraction | None:
         return {"-": Fraction(1), "1": Fraction(1), "%": PERCENT}.get(name) if si else None
     if name == si:
         return Fraction(1)
+    if name in NEVER:
+        return None
     forms = [name, name.lower()] if si in ANY_CASE else [name]
     # ms-1 is a millisecond's inverse, or a metre a second
     forms += [re.sub(r"(?<=[a-zN])([a-z]\^?-[1-3])$", r" \1", form) for form in forms]
