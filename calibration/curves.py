@@ -149,14 +149,14 @@ def read_velocities(path: str) -> Velocities:
     if len(sheet.rows) > MOST:
         raise InputError(name, None, f"{len(sheet.rows)} velocities", FROM_PYTHON)
     try:
-        headers = {header.name: header for header in map(read_header, sheet)}
+        headers = {header.name or header.other: header for header in map(read_header, sheet)}
         if "velocity" not in headers:
             accepted = "one with velocity, or left out above one number a line"
             raise DataError("header", ", ".join(sheet), accepted)
-        unit = headers["velocity"].unit
+        unit = unit_of(headers["velocity"].unit or "m/s", "m/s")
         velocity = sheet[headers["velocity"].text]
         require("velocity", velocity, lambda v: v >= 0, "a finite speed of 0 m/s or more")
-        return in_si(velocity, unit_of(unit or "m/s", "m/s"))
+        return in_si(velocity, unit)
     except DataError as error:
         raise sheet.origin.error(error) from None
 

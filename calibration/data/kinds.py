@@ -98,6 +98,7 @@ class Kind:
     has_no_zero: ClassVar = False  # an uncertainty in percent means nothing
     accepted: ClassVar = ""  # what a reading must be
     follows: ClassVar = ""  # what a reading after another must be
+    spread: ClassVar = "of times [ms]"  # the size of their errors, in thousandths of SI
     too_short: ClassVar = ""  # a launch that gives no restitution
 
     @property
@@ -251,6 +252,7 @@ class Peaks(OfHeights, OfBounces):
     """The heights from which a ball falls and to which it rises, one after the other."""
 
     is_numbered = True
+    spread = "of heights [mm]"
     named = "bounce with height (with launch)"
     accepted = "a positive height in m: no gap within a launch"
     follows = f"lower than the one above {SEPARATES}"
@@ -258,7 +260,8 @@ class Peaks(OfHeights, OfBounces):
 
     def readings(self, velocity, restitution, gravity) -> dict[str, Any]:
         drop = velocity**2 / (2 * gravity)
-        return launches(self.needs[0], drop, restitution**2 * drop)
+        table = launches(self.needs[0], drop, restitution**2 * drop)
+        return table | {"bounce": np.tile([0, 1], len(drop))}
 
 
 class OfTimes(OfBounces):

@@ -158,7 +158,7 @@ def quality_table(result: Any) -> pd.DataFrame:
             "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),
             "scatter": (_size(fit.noise), 3),
             "between groups": (fit.group_deviation, 3),
-            "of times [ms]": (fit.timing and 1e3 * fit.timing, 3),
+            fit.data.errors.measured_by.spread: (fit.timing and 1e3 * fit.timing, 3),
             "χ²/dof": (chi_squared, 3),
             "factor": (chi_squared**0.5 if "scale" in fit.variances else None, 3),
             "P": (fit.probability, 3),

@@ -6,11 +6,15 @@ from typing import Any
 
 from calibration.commands import fit
 from calibration.commands.doctor import write_schemas
+from calibration.data import kinds
+from calibration.data.columns import OBSERVED, QUANTITIES
 from notebooks.reference import links, names, pages
 
 ROOT = Path(__file__).parents[2]
 CHAPTERS = Path(__file__).parent
-MARKS = "<!-- options of softjax fit -->", "<!-- end of the options -->"
+OPTIONS = "<!-- options of softjax fit -->", "<!-- end of the options -->"
+SETS = "<!-- sets of columns -->", "<!-- end of the sets -->"
+COLUMNS = "<!-- columns -->", "<!-- end of the columns -->"
 
 
 def build(out: Path) -> list[str]:
@@ -18,7 +22,9 @@ def build(out: Path) -> list[str]:
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     targets = sources()
-    faults = outdated(CHAPTERS / "commands.md")
+    faults = outdated(CHAPTERS / "commands.md", OPTIONS, options())
+    faults += outdated(CHAPTERS / "measurements.md", SETS, sets())
+    faults += outdated(CHAPTERS / "measurements.md", COLUMNS, columns())
     for source, name in targets.items():
         text, pictures = pages.page(source, targets)
         (out / name).write_text(text, encoding="utf-8")
@@ -53,14 +59,42 @@ class _Options(list):
         self.append(f"| `{names[0]}`{accepted} | {text} |")
 
 
-def outdated(page: Path) -> list[str]:
-    """Write the options of `softjax fit` into a page, between the marks; a fault where they changed."""
+def options() -> list[str]:
+    """The options of `softjax fit`, as the rows of a table."""
     rows = _Options(["| option | what it does |", "|---|---|"])
     fit.add_arguments(rows)  # type: ignore[arg-type]
+    return rows
+
+
+def sets() -> list[str]:
+    """Columns that make a set, as the rows of a table."""
+    rows = ["| columns | ε and v | uncertainties |", "|---|---|---|"]
+    for kind in (*kinds.SETS, *kinds.WITHOUT_RESTITUTION, kinds.PEAKS, kinds.TIMES):
+        uncertainties = ", ".join(f"`{name}`" for name in kind.uncertainties)
+        also = f" with one or more of {', '.join(OBSERVED)}" * (not kind.has_restitution)
+        named = kind.named + also
+        rows.append(
+            f"| {named} | {kind.formula} | {uncertainties or '`uncertainty`, `velocity_uncertainty`'} |"
+        )
+    return rows
+
+
+def columns() -> list[str]:
+    """Columns with all their spellings, as the rows of a table."""
+    rows = ["| column | unit | what it is | also read as |", "|---|---|---|---|"]
+    for column in QUANTITIES:
+        also = ", ".join(f"`{word.replace('_', ' ')}`" for word in column.spellings.split())
+        unit = {"1": "- or %", "": "text"}.get(column.unit, column.unit)
+        rows.append(f"| `{column.name}` | {unit} | {column.meaning} | {also} |")
+    return rows
+
+
+def outdated(page: Path, marks: tuple[str, str], rows: list[str]) -> list[str]:
+    """Write a table of the code into a page, between the marks; a fault where it changed."""
     text = page.read_text(encoding="utf-8")
-    before, _, rest = text.partition(MARKS[0])
-    new = "\n".join([before + MARKS[0], *rows, MARKS[1] + rest.partition(MARKS[1])[2]])
+    before, _, rest = text.partition(marks[0])
+    new = "\n".join([before + marks[0], *rows, marks[1] + rest.partition(marks[1])[2]])
     if new == text:
         return []
     page.write_text(new, encoding="utf-8")
-    return [f"{page.name}: its options of softjax fit were not those of the command; now they are"]
+    return [f"{page.name}: a table was not that of the code; now it is"]
