@@ -19,7 +19,7 @@ from calibration.data.columns import (
 )
 from calibration.data.kinds import KINDS, PEAKS, SETS, TIMES, WITHOUT_RESTITUTION, Kind
 from calibration.data.units import PERCENT, is_unit, unit_of
-from calibration.data.words import BOUNCED, tokens
+from calibration.data.words import BOUNCED, tokens, unit_in
 from calibration.errors import DataError, listed
 
 MOST_NAMED = 10  # columns that a remark names
@@ -89,7 +89,7 @@ def _resolved(read: Sequence[Header]) -> list[Header]:
     names, words = {header.name for header in read}, {header.words for header in read}
     first_is_drop = "drop_height" not in names and SECOND & words
     # heights between bounces that are numbered
-    is_numbered = any({*tokens(h.text)} & BOUNCED and h.name is None for h in read)
+    is_numbered = any(map(_numbers_bounces, read))
     are_peaks = is_numbered and not names & {"drop_height", "height"} and not first_is_drop
 
     def name_of(header: Header) -> str | None:
@@ -140,6 +140,15 @@ def _with_owners(read: Sequence[Header]) -> Iterator[Header]:
         yield header._replace(name=name, unit=header.unit or owner.unit)
 
 
+def _numbers_bounces(header: Header) -> bool:
+    """Whether a column counts bounces; with a unit it measures them."""
+    return (
+        header.name is None
+        and bool({*tokens(header.text)} & BOUNCED)
+        and unit_in(header.text) is None
+    )
+
+
 def is_track(read: Sequence[Header]) -> bool:
     """Whether a table has a time with heights or positions and no other measurement."""
     names = {header.name for header in read}
@@ -152,8 +161,7 @@ def _kind_of(names: Iterable[str], read: Sequence[Header]) -> Kind:
         if {*kind.needs} <= {*names}:
             return kind
     measured = {*names} & {*MEASURED, *OBSERVED}
-    is_numbered = any({*tokens(h.text)} & BOUNCED and h.name is None for h in read)
-    if PEAKS.needs[0] in names and not measured - {"time"} and is_numbered:
+    if PEAKS.needs[0] in names and not measured - {"time"} and any(map(_numbers_bounces, read)):
         return PEAKS
     if is_track(read):
         raise DataError(

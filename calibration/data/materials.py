@@ -282,8 +282,7 @@ class MaterialEntry:
             if table.in_rows and self.data is not None:
                 self.contact, self.bodies = self.data.contact, self.data.bodies
         except InputError as error:
-            error.accepted += next(self._suspects(), "")
-            raise
+            raise next(self._suspects(error), error) from None
 
     @property
     def implausible(self) -> list[str]:
@@ -291,14 +290,16 @@ class MaterialEntry:
         warnings = of_bodies(self.bodies, self.contact)
         return [f"warning: plausibility ({self.name}): {w.cause}. {w.advice}" for w in warnings]
 
-    def _suspects(self) -> Iterator[str]:
-        """Properties of a body outside their plausible ranges, with their lines."""
+    def _suspects(self, error: InputError) -> Iterator[InputError]:
+        """A refusal of data with the cause first: a property of a body outside its plausible range."""
         names = {plausible.code: name for name, plausible in RANGES.items()}
         other = "wall" if self.table.wall else "second"
         for place, body in zip(((), (other,)), self.bodies, strict=False):
             for warning in of_bodies([body], None):
                 line = self.file.line((*self.place, *place, names[warning.code]))
-                yield f"; {warning.cause} ({self.file.path}:{line})"
+                which = f" (so that in {error.file}:{error.line} {error.problem})"
+                accepted = warning.advice[:1].lower() + warning.advice[1:]
+                yield InputError(self.file.path, line, warning.cause, accepted + which)
 
     def _refusal(self, place: Place, problem: str, accepted: str) -> InputError:
         return self.file.refusal((*self.place, *place), problem, accepted)

@@ -35,6 +35,7 @@ class Range(NamedTuple):
     lowest: float
     highest: float
     unit: str
+    usual: str  # in which it is tabulated, and forgotten
 
     @property
     def accepted(self) -> str:
@@ -47,14 +48,15 @@ class Range(NamedTuple):
     def refusal(self, name: str, value: float) -> tuple[str, str]:
         """What is wrong with such a number, and what is accepted."""
         problem = f"{name} is {value:.3g} {self.unit}, more than 100 times outside {self.accepted}"
-        return problem, "is its unit right? plausibility = false takes it as it is"
+        accepted = f'is its unit missing, as in "{value:.4g} {self.usual}"?'
+        return problem, f"{accepted} plausibility = false takes it as it is"
 
 
 RANGES = {
-    "radius": Range("radius", "radius", 1e-6, 1.0, "m"),
-    "youngs_modulus": Range("modulus", "Young's modulus", 1e5, 1.3e12, "Pa"),
-    "density": Range("density", "density", 10.0, 23_000.0, "kg/m³"),
-    "yield_strength": Range("yield-strength", "yield strength", 1e4, 1e11, "Pa"),
+    "radius": Range("radius", "radius", 1e-6, 1.0, "m", "mm"),
+    "youngs_modulus": Range("modulus", "Young's modulus", 1e5, 1.3e12, "Pa", "GPa"),
+    "density": Range("density", "density", 10.0, 23_000.0, "kg/m³", "g/cm^3"),
+    "yield_strength": Range("yield-strength", "yield strength", 1e4, 1e11, "Pa", "MPa"),
 }
 
 
@@ -73,7 +75,8 @@ def of_bodies(bodies: Iterable[Any], contact: Any) -> Iterator[Implausible]:
             value = high if high > quantity.highest else low
             cause = f"the {quantity.name} of the {name} is {value:.3g} {quantity.unit}"
             cause = f"{cause}, outside {quantity.accepted}".replace("the Young", "Young")
-            yield Implausible(quantity.code, cause)
+            advice = f'{CHECK} Is it missing, as in "{value:.4g} {quantity.usual}"?'
+            yield Implausible(quantity.code, cause, advice)
 
 
 def _properties(bodies: Iterable[Any], contact: Any) -> Iterator[tuple[str, Range, Any]]:

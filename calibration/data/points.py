@@ -31,7 +31,7 @@ from calibration.data.kinds import OF_HEIGHTS, Kind
 from calibration.data.layout import MOST_NAMED, Layout, layout_of
 from calibration.data.point_errors import PointErrors, paired
 from calibration.data.units import in_si, parted, unit_of
-from calibration.data.unused import Unused, as_cells, check_unused, launches_of
+from calibration.data.unused import Unused, as_cells, check_numbered, check_unused, launches_of
 from calibration.data.words import BOUNCED
 from calibration.errors import DataError, Origin, did_you_mean, listed
 
@@ -189,6 +189,8 @@ def _divided(kind: Kind, unused: Sequence[Unused], columns: dict[str, Any]) -> t
     if kind.is_sequence and "launch" not in columns:
         launches = launches_of(unused)
     rest = [column for column in unused if launches is None or column.heading != launches[0]]
+    if kind.is_numbered:
+        check_numbered([column for column in unused if column.words & BOUNCED])
     settings = {n: columns[n] for n in kind.needs[:1] if n in columns and not kind.is_sequence}
     check_unused(rest, settings, "group" in columns or (kind.is_sequence and "launch" in columns))
     left = [

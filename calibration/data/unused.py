@@ -124,6 +124,15 @@ def check_unused(
             raise DataError("column", column.shown(), DIVIDED)
 
 
+def check_numbered(columns: Sequence[Unused]) -> None:
+    """Refuse numbers of bounces that do not count them one by one, from the start for each launch."""
+    for column in columns:
+        numbers = column.numbers
+        if numbers is None or not (len(numbers) == 1 or column.counts or _starts(numbers)):
+            accepted = "one for each row, that counts 0, 1, 2, ... and begins again for each launch"
+            raise DataError("column", f"{column.heading[:40]!r}, no number of a bounce", accepted)
+
+
 def launches_of(columns: Sequence[Unused]) -> tuple[str, list[str]] | None:
     """The heading of the column that separates launches of bounces, and a label for each row."""
     found = sorted(_launches(columns), key=lambda one: one[0])

@@ -92,6 +92,8 @@ REFUSED = {
     "Charge,v,e\nx,1,0.9\nx,2,0.8\ny,1,0.9\ny,2,0.8\n": "'Charge'|`group`|`note`",
     "θ [deg],v,e\n0,1,0.9\n12,2,0.8\n": "a.csv:3: column 'θ [deg]' is 12|normal",
     "Einfallswinkel;v;e\n90;1,0;0,9\n90;2,0;0,8\n": "'Einfallswinkel' is 90|normal",
+    "Height (ft),Bounce (ft)\n6,4\n5,3.3\n": "height; not known: 'Bounce (ft)'|drop_height with rebound_height",
+    "bounce,height\n1,0.8\n2,0.5\n4,0.2\n": "'bounce', no number of a bounce|0, 1, 2",
     "v_c,e\n1,0.9\n": "not known: 'v_c'",
     "v/c,e\n1,0.9\n": "not known: 'v/c'",
     '"v, c",e\n1,0.9\n': "not known: 'v, c'",
