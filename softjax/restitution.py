@@ -6,10 +6,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from softjax.batching import batched
-from softjax.checks import ArgumentError, check_broadcast, is_traced, shown
+from softjax.checks import ArgumentError, is_traced
 from softjax.engine.impact import (
     Impact,
     check_law,
@@ -19,7 +19,7 @@ from softjax.engine.impact import (
     results,
 )
 from softjax.engine.outcome import Collision
-from softjax.fields import Flags, Numbers, checked, is_array, numbers_of, shared_leaves
+from softjax.fields import Flags, Numbers, checked, is_array, shared_leaves
 from softjax.laws.base import ContactLaw
 from softjax.routes import AbstractRoute, as_argument
 from softjax.status import Status
@@ -72,7 +72,7 @@ class Restitution(eqx.Module):
         law, velocity = common_precision(self.law, self.velocity)
 
         def computed(law, route, velocity):
-            parameters = law, as_argument(route), None
+            parameters = law, as_argument(route)
             return batched(collisions, parameters, velocity, _observable, quantity)
 
         # impacts that each have a law of their own
@@ -152,7 +152,7 @@ def restitution(
     check_law(law)
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
-    parameters = law, as_argument(route), None  # no impact is held elastic
+    parameters = law, as_argument(route)
     parts = batched(collisions, parameters, velocity, results, "overlaps" if overlaps else None)
     (law, velocity, route), each = _kept((law, velocity, route))
     return Restitution(law, velocity, *parts, route, each)
@@ -197,42 +197,19 @@ def signed_restitution(
     law: ContactLaw,
     velocity: Float[ArrayLike, "..."],
     route: AbstractRoute | None = None,
-    *,
-    elastic: Bool[ArrayLike, "..."] | None = None,
 ) -> SignedRestitution:
     """ε² of head-on impacts, signed where nothing rebounds, so that a search finds its way back.
 
     Args:
         law, velocity, route: as for `restitution`.
-        elastic: the branch on which each impact is held, True the elastic one, whatever its
-            velocity; impacts held on the yielding branch below yield are taken at yield. None: as
-            the law has it. For laws whose ε jumps at yield (`jumps_at_yield`), while a search moves
-            what yield depends on. Laws that are always elastic, or never, take no notice.
 
     Raises:
         ValueError: as `restitution`.
     """
     check_law(law)
     route = _chosen(law, route)
-    velocity = checked(law, velocity)
-    if elastic is not None:
-        elastic = _truth_values(elastic)
-        shape = check_broadcast({"velocity": velocity, "elastic": elastic} | numbers_of(law))
-    law, velocity = common_precision(law, velocity)
-    velocity = velocity if elastic is None else jnp.broadcast_to(velocity, shape)
-    return batched(collisions, (law, as_argument(route), elastic), velocity, _signed, None)
-
-
-def _truth_values(elastic):
-    """The same as an array, or traced."""
-    try:
-        values = elastic if is_array(elastic) else np.asarray(elastic)
-        if jnp.issubdtype(values.dtype, np.bool_):
-            return values
-    except ValueError:  # no rectangular array of anything
-        pass
-    accepted = "True, False or an array of these"
-    raise ArgumentError(f"`elastic` must be {accepted}, but is {shown(elastic)}")
+    law, velocity = common_precision(law, checked(law, velocity))
+    return batched(collisions, (law, as_argument(route)), velocity, _signed, None)
 
 
 def _signed(impact: Impact, collision: Collision, _):

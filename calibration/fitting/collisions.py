@@ -226,7 +226,6 @@ def expand(
     velocity: Float[np.ndarray, " m"],
     moving: tuple[int, ...],
     route: Route,
-    elastic: np.ndarray | None = None,
     observable: str = RESTITUTION,
 ) -> list[np.ndarray]:
     """Predictions of m impacts, their slopes along each moving number of the leaves (a, m), and the status.
@@ -238,23 +237,22 @@ def expand(
             impact, (m, ...), if it moves, else the array itself.
         moving: positions of the leaves along which slopes are computed; each number of a shared leaf
             has its own.
-        elastic: the branch that each impact's ε is held on, None: as the law has it.
         observable: what is predicted, of `calibration.observables`.
     """
     route = shape.route if route is None else route  # one name for one program
     single = [shape.shared[k] and k not in moving for k in range(len(leaves))]
-    many = [not one for one in single] + [True] * (1 if elastic is None else 2)
-    inputs, settings = (list(leaves), velocity, elastic), (shape, moving, route, observable)
+    many = [*(not one for one in single), True]
+    inputs, settings = (list(leaves), velocity), (shape, moving, route, observable)
     long, by_time = any(shape.shared[k] for k in moving), isinstance(route, sj.ODE)
     return in_few_sizes(_block, inputs, many, *settings, long=long, by_time=by_time)
 
 
 def _block(inputs, shape: LawShape, moving, route: Route, observable: str):
     """Values, slopes and statuses of one block, by one forward pass."""
-    leaves, velocity, elastic = inputs
+    leaves, velocity = inputs
     each = [k for k in range(len(leaves)) if not shape.shared[k] or k in moving]
 
-    def collide(some, velocity, elastic):
+    def collide(some, velocity):
         inputs = list(leaves)
         for k, values in zip(each, some, strict=True):
             inputs[k] = values
@@ -262,20 +260,17 @@ def _block(inputs, shape: LawShape, moving, route: Route, observable: str):
         if observable != RESTITUTION:
             hit = sj.restitution(law, velocity, route)
             return predicted(observable, hit), hit.status
-        return tuple(sj.signed_restitution(law, velocity, route, elastic=elastic))
+        return tuple(sj.signed_restitution(law, velocity, route))
 
-    if any(shape.shared[k] for k in moving):  # each impact has a network of its own
-        axes = (0, 0, None if elastic is None else 0)
-        collide_all = jax.vmap(collide, in_axes=axes)
-    else:
-        collide_all = collide
+    each_has_a_network = any(shape.shared[k] for k in moving)
+    collide_all = jax.vmap(collide) if each_has_a_network else collide
     places = [each.index(k) for k in moving]
 
     def of_moving(*some):
         inputs = [leaves[k] for k in each]
         for place, values in zip(places, some, strict=True):
             inputs[place] = values
-        return collide_all(inputs, velocity, elastic)
+        return collide_all(inputs, velocity)
 
     chosen = [leaves[k] for k in moving]
     if not chosen:

@@ -32,7 +32,8 @@ from softjax.fields import NO_UNIT, Declared, declarations, options_of, shared_f
 CONTACT_LEAVES = declarations(sj.Contact)
 OF_CONTACT = "contact."
 SPRINGS = ("loading_stiffness", "unloading_stiffness")  # of Walton and Braun: k20 >= k1
-MOVE_YIELD = ("yield_strength", "youngs_modulus", "radius", "mass")  # what v_cr depends on
+# what v_cr depends on, and the power of each in it
+MOVE_YIELD = {"yield_strength": 2.5, "youngs_modulus": -2.0, "radius": 1.5, "mass": -0.5}
 
 
 class Tree(NamedTuple):

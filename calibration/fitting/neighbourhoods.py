@@ -25,7 +25,7 @@ def condensed(problem: Problem, z: Float[np.ndarray, " elements"] | None = None)
             neighbourhoods have the mean of their values.
     """
     normal = all(errors.is_normal and not errors.shares for errors in problem.errors)
-    if problem.count < MANY or not normal or problem.elastic is not None:
+    if problem.count < MANY or not normal or problem.jumps:
         return problem
     points, laws = problem.points, problem.laws
     block = np.repeat(np.arange(len(problem.spans)), [s.stop - s.start for s in problem.spans])

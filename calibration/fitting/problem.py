@@ -127,11 +127,8 @@ class Lanes(NamedTuple):
     value: Float[np.ndarray, "fits points"] | None = None
     copies: Float[np.ndarray, "fits points"] | None = None
     variances: tuple[Mapping[str, np.ndarray], ...] | None = None  # of each block, (fits,)
-    elastic: Bool[np.ndarray, "fits points"] | None = None  # as `Problem.elastic`
     # θ that priors, and z that pools are centred on; None: the priors' means, and 0
     centre: Z | None = None
-    lower: Z | None = None  # as `Problem.within`
-    upper: Z | None = None
     # of fits of different data: whose each is, and as in `Points`, and for `Laws.leaves`
     of: Int[np.ndarray, " fits"] | None = None
     velocity: Float[np.ndarray, "fits points"] | None = None
@@ -221,12 +218,9 @@ class Problem:
     route: Route = None
     errors: tuple[Errors, ...] = ()  # V(s) of each block; none where only the curve is needed
     variances: tuple[Mapping[str, Any], ...] = ()  # s of each block
-    # points that are held below yield, (points,), while a search moves what yield depends on;
-    # None: no law asks for it
-    elastic: Bool[np.ndarray, " points"] | None = None
-    # lowest and highest z, (elements,) each, between which these points are where the law has
-    # them
-    within: tuple[np.ndarray, np.ndarray] | None = None
+    # elements that the critical velocity depends on, where ε jumps there: the cost jumps where it
+    # passes the velocity of a point. None: there are none
+    moves_yield: Bool[np.ndarray, " elements"] | None = None
     # whether ε is continued below 0 where nothing rebounds. That guides a search; a fit is judged
     # by the law's own ε
     guided: bool = False
@@ -356,7 +350,6 @@ class Problem:
             laws=replace(self.laws, row=self.laws.row[rows]),
             errors=tuple(self.errors[k].some(rows_of_blocks[k]) for k in left),
             variances=tuple(self.variances[k] for k in left),
-            elastic=None if self.elastic is None else self.elastic[rows],
         )
 
     @property
@@ -393,9 +386,15 @@ class Problem:
         """The law of a data set; of its first impact where it has several."""
         return self.laws.law(theta, int(self.laws.row[np.flatnonzero(self.points.set == g)[0]]))
 
-    def elastic_at(self, z) -> Bool[np.ndarray, "... points"] | None:
-        """Points below yield at z, if the law needs fixed branches, else None."""
-        return None if self.elastic is None else self.points.velocity <= self.yields_at(z)
+    @property
+    def jumps(self) -> bool:
+        """Whether the cost jumps where the critical velocity passes the velocity of a point."""
+        return self.moves_yield is not None
+
+    def is_elastic_at(self, z: Z) -> Bool[np.ndarray, "fits points"]:
+        """Which impacts are below yield; with errors of velocities, of the nodes around each point."""
+        impacts = self._wide if self.moves else self
+        return impacts.points.velocity <= impacts.yields_at(z)
 
     # ------------------------------------------------------------------ inside
 
@@ -478,8 +477,7 @@ class Problem:
             curve, per = Carried(mean, none, none), Carried(slopes, none, none)
         else:
             wide, nodes = self._wide, len(self._wide.points.velocity) // self.count
-            elastic = None if lanes.elastic is None else np.tile(lanes.elastic, nodes)
-            value, local, status = wide._predicted(theta, lanes._replace(elastic=elastic))
+            value, local, status = wide._predicted(theta, lanes)
             jacobian = wide._by_element(local, per_z, active)
             value = value.reshape(fits, nodes, self.count)
             jacobian = jacobian.reshape(fits, nodes, self.count, p)
@@ -509,8 +507,7 @@ class Problem:
         count = len(nodes)
         points = Points(nodes.ravel(), *(np.tile(a, count) for a in self.points[1:]))
         laws = replace(self.laws, row=np.tile(self.laws.row, count))
-        elastic = None if self.elastic is None else np.tile(self.elastic, count)
-        return replace(self, points=points, laws=laws, elastic=elastic, errors=())
+        return replace(self, points=points, laws=laws, errors=())
 
     def _predicted(self, theta, lanes: Lanes):
         """The value at each fit and point, its slopes in the local parameters, and the status."""
@@ -537,14 +534,9 @@ class Problem:
             flat.append(np.asarray(values, float))
         velocity = self.points.velocity if lanes.velocity is None else lanes.velocity
         velocity = np.broadcast_to(velocity, (fits, self.count))[:, at].ravel()
-        elastic = self.elastic if lanes.elastic is None else lanes.elastic
-        is_eps = name == RESTITUTION
-        if elastic is not None and is_eps:
-            elastic = np.broadcast_to(elastic, (fits, self.count))[:, at].ravel()
-        elastic_points = elastic if is_eps else None
-        expanded = expand(laws.shape, flat, velocity, laws.moving, self.route, elastic_points, name)
+        expanded = expand(laws.shape, flat, velocity, laws.moving, self.route, name)
         value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in expanded)
-        if not is_eps:
+        if name != RESTITUTION:
             return value / self.points.unit[at], slopes / self.points.unit[at], status
         eps, per = extended_root(value) if self.guided else (root(value), root_slope(value))
         return eps, slopes * per, status

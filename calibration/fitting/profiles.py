@@ -1,11 +1,14 @@
 """Profile likelihoods, and the values, standard errors and intervals of what was searched.
 
 A profile is how far one parameter can go while the others make up for it. All walks, two for each
-parameter of all fits of one kind, go side by side: each stride is one batch of refits."""
+parameter of all fits of one kind, go side by side: each stride is one batch of refits.
+
+Where the cost jumps at yield a refit begins from several yields, and Δχ² may fall again behind a limit:
+of what moves yield the limits are the outermost crossings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -33,6 +36,10 @@ MOST_STRIDES = 400
 ENOUGH = 1e-6  # of Δχ² that a refit may end above its minimum
 ROUNDING = 1e-12  # of a way
 LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
+BEHIND = np.linspace(0, 1, 25)[1:]  # where Δχ² may fall again: of the way to a limit, or this far:
+LEAST_BEHIND = 0.2  # in z
+BISECTIONS = 40
+OTHER_YIELDS = np.array([-0.05, 0.05])  # in z, from which a refit begins too where the cost jumps
 
 
 @dataclass(frozen=True)
@@ -54,11 +61,6 @@ class Profile:
     high: float | None
     threshold: float
 
-    def at(self, value: float) -> float:
-        """Δχ² between the values that were looked at; infinite beyond them."""
-        rises = self.delta_chi_squared
-        return float(np.interp(value, self.values, rises, left=np.inf, right=np.inf))
-
 
 class ProfileTask(NamedTuple):
     """Request for the profiles of one fit."""
@@ -72,7 +74,6 @@ class ProfileTask(NamedTuple):
     # +1 or -1 for those held at an end of their range: only the other way is gone
     limits: Int[np.ndarray, " some"]
     quantiles: Float[np.ndarray, " some"]  # √Δχ² at the limits of each
-    lowest: float | None = None  # twice the cost from which Δχ² counts; None: that at z
 
 
 class _Walks:
@@ -108,25 +109,13 @@ class _Walks:
         self.scaled = kind != NONE
         self.centre = self.z[np.arange(len(walks)), self.positions]
         at_z = problem.linearise(z, lanes, slopes=False).cost
-        pairs = zip(tasks, at_z, strict=True)
-        lowest = [2 * at if task.lowest is None else task.lowest for task, at in pairs]
-        self.lowest = np.array(lowest)[self.of]
-        self.begin = self._rise(at_z[self.of], np.arange(len(walks)))
-        self.edge = self._edges()
+        self.lowest = 2 * at_z[self.of]
         reach = np.where(from_end, FURTHEST + FARTHEST, FARTHEST)
         # a search that began at an end is farther off: the middle of two bounds is z = 0
         bounded = from_end & (kind == LOGIT)
         reach = np.where(bounded, np.maximum(reach, np.abs(self.centre) + FARTHEST), reach)
-        reach = np.where(self.scaled, reach, 100 * self.steps)
-        self.reach = np.minimum(reach, np.abs(self.edge - self.centre))
+        self.reach = np.where(self.scaled, reach, 100 * self.steps)
         self.way: list[list[tuple[float, float]]] = [[] for _ in walks]
-
-    def _edges(self) -> Float[np.ndarray, " walks"]:
-        """Values at which points would leave their branches, beyond which another profile continues."""
-        if self.problem.within is None:
-            return self.signs * np.inf
-        lower, upper = self.problem.within
-        return np.where(self.signs < 0, lower[self.positions], upper[self.positions])
 
     def refit(self, at: Float[np.ndarray, " some"], which: Int[np.ndarray, " some"], doubted=None):
         """Everything else refitted with the parameters there: z of each, √Δχ², and steps taken.
@@ -154,10 +143,20 @@ class _Walks:
         return np.where(np.isfinite(rise), rise, 1e6)
 
     def _search(self, start, which):
-        """The others searched, from some start."""
+        """The others searched, from some start; where the cost jumps, from other yields too."""
+        count, moves = 1, self.problem.moves_yield
+        if moves is not None:
+            # others of a yield that is profiled itself are none
+            count, at = 1 + len(OTHER_YIELDS), self.positions[which]
+            other = np.where(moves, 1.0, 0.0) * (np.arange(len(moves)) != at[:, None])
+            shifts = np.concatenate([[0.0], OTHER_YIELDS])
+            start = (start[:, None] + shifts[:, None] * other[:, None]).reshape(-1, len(moves))
+            which = np.repeat(which, count)
         keywords = {"begun": self.begun[which], "fixed": self.fixed[which], "limit": STEPS}
         keywords |= {"lanes": self.lanes.some(which), "enough": ENOUGH * self.variance[which]}
-        return search(self.problem, start, **keywords)
+        ends = search(self.problem, start, **keywords)
+        best = np.argmin(ends.cost.reshape(-1, count), axis=1)
+        return ends.some(best + count * np.arange(len(best)))
 
     def _foreseen(self, at, which) -> np.ndarray:
         """First-order change of the other parameters when the profiled ones move."""
@@ -219,9 +218,35 @@ class _Walks:
             close = (np.abs(high[k] - low[k]) <= TOLERANCE) | (np.abs(f) <= TOLERANCE)
             going[k] = ~(gone | (between & close))
         which = np.flatnonzero(np.isfinite(crossing))
+        if self.problem.moves_yield is not None:
+            yields = which[self.problem.moves_yield[self.positions[which]]]
+            crossing[yields] = self._outermost(crossing[yields], yields)
         if len(which):  # one look beyond each limit, for the picture
             at = self.centre[which] + BEYOND * (crossing[which] - self.centre[which])
             self._saw(which, at, self.refit(at, which, BEYOND**2 * self.quantile[which])[1])
+        return crossing
+
+    def _outermost(self, crossing, which) -> Float[np.ndarray, " some"]:
+        """Limits behind which Δχ² does not fall below them again where the cost jumps."""
+        ahead = np.maximum(np.abs(crossing - self.centre[which]), LEAST_BEHIND)
+        way = crossing[:, None] + (self.signs[which] * ahead)[:, None] * BEHIND
+        many = np.repeat(which, len(BEHIND))
+        rise = self.refit(way.ravel(), many)[1]
+        self._saw(many, way.ravel(), rise)
+        below = rise.reshape(way.shape) < self.quantile[which, None]
+        last = len(BEHIND) - 1 - np.argmax(below[:, ::-1], axis=1)
+        again = np.flatnonzero(np.any(below, axis=1) & (last < len(BEHIND) - 1))
+        low, high = (
+            way[again, last[again]],
+            way[again, np.minimum(last[again] + 1, len(BEHIND) - 1)],
+        )
+        for _ in range(BISECTIONS):
+            if np.all(np.abs(high - low) <= TOLERANCE):
+                break
+            middle = 0.5 * (low + high)
+            is_below = self.refit(middle, which[again])[1] < self.quantile[which[again]]
+            low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
+        crossing[again] = low
         return crossing
 
     def _saw(self, which, at, rise) -> None:
@@ -246,39 +271,18 @@ def profiles(
     ]
 
 
-def joined(curves: Sequence[Profile]) -> Profile:
-    """Profiles of one parameter that begin at several minima as one: the lowest Δχ² of all counts."""
-    ways = sorted(
-        (value, rise)
-        for curve in curves
-        for value, rise in zip(curve.values, curve.delta_chi_squared, strict=True)
-        if all(rise <= other.at(value) for other in curves if other is not curve)
-    )
-    lows: list[Any] = [curve.low for curve in curves]
-    highs: list[Any] = [curve.high for curve in curves]
-    return Profile(
-        curves[0].parameter,
-        tuple(value for value, _ in ways),
-        tuple(rise for _, rise in ways),
-        None if None in lows else min(lows),
-        None if None in highs else max(highs),
-        curves[0].threshold,
-    )
-
-
 def _profile(state: _Walks, members, label: str, limit: int, crossing) -> Profile:
     """Both sides of the profile of one parameter, in physical units."""
     first = int(members[0])
     position = int(state.positions[first])
     transform = state.problem.transform.part(np.array([position]))
     physical = lambda z: float(transform.physical(np.array([z]))[0])  # noqa: E731
-    begin = (float(state.centre[first]), float(state.begin[first]))
+    begin = (float(state.centre[first]), 0.0)
     way = sorted([begin, *(point for k in members for point in state.way[k])])
     ends: dict[int, float | None] = {-1: None, 1: None}
-    at = np.where(np.isfinite(crossing), crossing, state.edge)
     for k in members:
-        if np.isfinite(at[k]):
-            ends[int(state.signs[k])] = physical(at[k])
+        if np.isfinite(crossing[k]):
+            ends[int(state.signs[k])] = physical(crossing[k])
     if limit:
         bound = float(transform.bound_beyond(np.array([limit]))[0])
         ends[limit] = bound if np.isfinite(bound) else None
@@ -302,32 +306,11 @@ def profiles_of(
     for members in alike([task.problem for task in tasks.values()]):
         places = [order[i] for i in members]
         heard = lambda count, done=done: tell(done + count)  # noqa: E731
-        fit = fits[places[0]]
-        if fit.stages[0].branches is None:
-            tables = profiles([tasks[k] for k in places], heard)
-        else:
-            tables = [_of_branches(fit, tasks[places[0]])]
+        tables = profiles([tasks[k] for k in places], heard)
         done += len(places)
         for k, table in zip(places, tables, strict=True):
             curves[k] = table
     return curves
-
-
-def _of_branches(fit: ComponentFit, task: ProfileTask) -> dict[str, Profile]:
-    """Profiles where ε jumps at yield: the lowest Δχ² of all branches that come near the best."""
-    (stage,), branches = fit.stages[:1], fit.stages[0].branches
-    assert branches is not None
-    cost = float(stage.ends.cost[0])
-    near = np.max(task.quantiles, initial=0.0) ** 2 * task.variance
-    tables = profiles([task._replace(lowest=2 * cost)])
-    is_starting_branch = np.all(branches.elastic == stage.problem.elastic, axis=1)
-    for k in np.flatnonzero(~is_starting_branch & (2 * (branches.cost - cost) < near)):
-        limits = branches.limits[k][task.columns]
-        errors = np.where(limits != 0, FROM_END, task.errors)
-        problem = branches.problem(stage.problem, int(k))
-        changed = {"problem": problem, "z": branches.z[k], "limits": limits, "errors": errors}
-        tables += profiles([task._replace(**changed, lowest=2 * cost)])
-    return {label: joined([curves[label] for curves in tables]) for label in tables[0]}
 
 
 def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:

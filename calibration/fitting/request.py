@@ -14,7 +14,6 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.data.air import UNCERTAIN
 from calibration.errors import DataError, is_finite_number, listed
-from calibration.fitting.branches import POWERS, held_at
 from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import (
@@ -43,6 +42,7 @@ from softjax.fields import Declared
 
 # ε to 1e-11, compiled in half of dopri8's time
 DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
+TRIED = 1e-3  # step in z that shows whether yield moves with a parameter
 REACH = 5.0  # standard deviations of a prior within which a search is expected to end
 WIDE = (-np.inf, np.inf)
 LEAST_RANGE, STEEPEST = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
@@ -261,7 +261,7 @@ def _identified(data, by_name: dict[str, Parameter], model: LawModel, options):
 def _highest_yield(contact: sj.Contact, parameters: Mapping[str, Parameter]) -> np.ndarray:
     """The highest critical velocity that prior and bounds of the contact's numbers allow [m/s]."""
     corner = {}
-    for leaf, power in POWERS.items():
+    for leaf, power in MOVE_YIELD.items():
         parameter = parameters.get(OF_CONTACT + leaf, Parameter(free=False))
         value = getattr(contact, leaf) if parameter.value is None else parameter.value
         if parameter.free:
@@ -494,12 +494,24 @@ def _problem(
         joint=specs[0].objective == "model",
         pools=pools_of(elements),
     )
-    # where ε jumps at yield, and the search moves yield, points are held on their branches
-    moved = {elements[k].name.removeprefix(OF_CONTACT) for k in active}
-    if not (getattr(model.law_type, "jumps_at_yield", False) and moved & {*MOVE_YIELD}):
+    if not getattr(model.law_type, "jumps_at_yield", False):
         return problem
-    holding = replace(problem, elastic=np.zeros(len(points.velocity), bool))
-    return held_at(holding, problem.transform.unconstrained(theta))
+    moved = [k in active and _moves_yield(problem, theta, k) for k in range(len(elements))]
+    return replace(problem, moves_yield=np.array(moved)) if any(moved) else problem
+
+
+def _moves_yield(problem: Problem, theta: np.ndarray, k: int) -> bool:
+    """Whether the critical velocity depends on an element; of a law that a function builds it is tried."""
+    name, model = problem.elements[k].name, problem.laws.model
+    if name.startswith(OF_CONTACT):
+        return name.removeprefix(OF_CONTACT) in MOVE_YIELD
+    if model.direct or model.key in KNOWN:
+        return False
+    first = np.flatnonzero(np.isin(problem.points.set, problem.elements[k].sets))[:1]
+    both = np.tile(problem.transform.unconstrained(theta), (2, 1))
+    both[1, k] += TRIED * max(abs(both[1, k]), TRIED)
+    here, moved = np.asarray(problem.yields_at(both, first))
+    return not np.allclose(here, moved, rtol=1e-12, atol=0)
 
 
 def blocks_of(data: RestitutionData) -> Iterator[tuple[Any, str, np.ndarray, np.ndarray, Any]]:

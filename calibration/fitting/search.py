@@ -4,8 +4,11 @@ The loop stays on the host; what it asks for of all fits at once are residuals a
 condensed to a triangle, from which a method proposes a direction: Levenberg–Marquardt, or L-BFGS by optax.
 
 An element that runs to an end of its range (a bound, or beyond every sensible value) is held there
-and the others are searched on: an end at a bound with the others at their minimum is a fit. So is one
-at an end of where points keep their branches (`Problem.within`), which is no end of its range.
+and the others are searched on: an end at a bound with the others at their minimum is a fit.
+
+Where the cost jumps (`Problem.jumps`) each evaluation takes each point where the law has it, and a step is
+taken only if the cost falls. What jumps stop is searched on with yield where it is, and with all again: a
+search whose cost falls no more by any step has converged.
 """
 
 from dataclasses import replace
@@ -41,6 +44,10 @@ MOST = 200
 ARRIVED = ("step below tolerance", "cost at its minimum")
 USED_UP = "iterations used up"
 STUCK = "no lower cost found"
+AT_JUMP = "cost at its minimum beside a jump at yield"
+MUCH = 1e-6  # share of a cost that a step towards a jump, or another search, has to save
+MOST_CREEPS = 4  # steps in a row that save less, where the cost jumps
+AROUND_JUMPS = 3  # rounds in which all but yield, and then all, are searched on
 NO_NUMBERS = "residuals are not finite"
 OPTIMISERS = {
     "l-bfgs": "optax L-BFGS",
@@ -84,10 +91,9 @@ class _Search:
         self.limits = np.zeros((fits, p), int)
         self.released = np.zeros(fits, int)
         self.reason = np.full(fits, "", dtype=object)
-        self.iterations, self.level = np.zeros((2, fits), int)
+        self.iterations, self.level, self.creeps = np.zeros((3, fits), int)
         self.scaled = problem.transform.kind[problem.active] != NONE
         self.lower, self.upper = self._ends()
-        self.edge = np.zeros((fits, p), bool)
         all_fits = np.ones(fits, bool)
         linear = self._at(self.z, all_fits)
         self.value, self.jacobian, self.cost = map(
@@ -97,16 +103,10 @@ class _Search:
         self._condense(all_fits)
 
     def _ends(self) -> list[np.ndarray]:
-        """Lowest and highest of the active elements of each fit: their bounds, and their branches'."""
-        problem, lanes = self.problem, self.lanes
-        transform = problem.transform.part(problem.active)
-        ends = [np.where(self.scaled, -np.inf, transform.lower) + np.zeros(self.start.shape)]
-        ends += [np.where(self.scaled, np.inf, transform.upper) + np.zeros(self.start.shape)]
-        within = problem.within if lanes.lower is None else (lanes.lower, lanes.upper)
-        if within is None:
-            return ends
-        low, high = (np.asarray(end)[..., problem.active] for end in within)
-        return [np.maximum(ends[0], low), np.minimum(ends[1], high)]
+        """Lowest and highest of the active elements of each fit."""
+        transform, zeros = self.problem.transform.part(self.problem.active), 0.0 * self.start
+        lower = np.where(self.scaled, -np.inf, transform.lower) + zeros
+        return [lower, np.where(self.scaled, np.inf, transform.upper) + zeros]
 
     @property
     def x(self) -> np.ndarray:
@@ -145,6 +145,7 @@ class _Search:
             self._judge(moved)
             self._stop(method.stuck() & refused, STUCK)
             self._stop(self.level >= MOST_LEVEL, ARRIVED[1])
+            self._stop(self.problem.jumps & (self.creeps >= MOST_CREEPS), STUCK)
             self._stop(self.iterations >= self.limit, USED_UP)
 
     def _limited(self, direction) -> tuple[np.ndarray, np.ndarray]:
@@ -204,8 +205,9 @@ class _Search:
         self._put(moved, linear, moved[fits])
         self.iterations += moved
         self._condense(moved)
-        is_level = np.abs(before.cost - self.at.cost) <= ROUNDING * np.abs(self.at.cost)
-        self.level = np.where(moved & ~is_level, 0, self.level + moved)
+        change, size = np.abs(before.cost - self.at.cost), np.abs(self.at.cost)
+        self.level = np.where(moved & (change > ROUNDING * size), 0, self.level + moved)
+        self.creeps = np.where(moved & (change > MUCH * size), 0, self.creeps + moved)
         with np.errstate(over="ignore", invalid="ignore"):
             return moved, (before.cost - self.at.cost) / np.maximum(before.fall(step), TINY)
 
@@ -240,13 +242,10 @@ class _Search:
         return np.where(self.scaled, np.abs(self.x - self.start), 0.0)
 
     def _hold(self, which) -> None:
-        edge = self.scaled & ((self.x <= self.lower) | (self.x >= self.upper))
-        self.edge = np.where(which, edge, self.edge)
-        by_way = self.scaled & ~edge
-        sign = np.where(by_way, np.sign(self.x - self.start), -np.sign(self.at.gradient))
+        sign = np.where(self.scaled, np.sign(self.x - self.start), -np.sign(self.at.gradient))
         self.limits = np.where(which, sign.astype(int), self.limits)
         inside = np.clip(self.x, self.start - FARTHEST, self.start + FARTHEST)
-        ends = np.where(which & by_way, inside, self.x)
+        ends = np.where(which & self.scaled, inside, self.x)
         fits = np.any(ends != self.x, axis=1) & self.going
         self.z[:, self.problem.active] = ends
         if np.any(fits):
@@ -297,7 +296,7 @@ class _Search:
             gradient_norm=np.linalg.norm(self.at.gradient, axis=1),
             converged=np.isin(self.reason, ARRIVED),
             reason=self.reason,
-            limits=np.where(self.edge, 0, self.limits),
+            limits=self.limits,
             begun=self.begun,
             iterations=self.iterations,
         )
@@ -321,7 +320,7 @@ def search(
     lanes: Lanes | None = None,
     limit: int = MOST,
     releases: int = RELEASES,
-    enough: float = 0.0,
+    enough: float | np.ndarray = 0.0,
 ) -> Ends:
     """Minimise from each z.
 
@@ -333,19 +332,41 @@ def search(
         lanes: what differs between fits.
         limit: of the steps.
         releases: how often an element is taken back from the end of its range.
-        enough: how far above its minimum a cost may end.
+        enough: how far above its minimum a cost may end, fit by fit.
     """
     z = np.array(np.atleast_2d(z), float)
-    lanes = lanes or Lanes()
-    begun_at = np.nan if begun is None else begun
-    state = _Search(problem, z, begun_at, fixed, lanes, limit, releases, enough)
-    if len(problem.active):
-        method = Marquardt if optimiser == "levenberg-marquardt" else Lbfgs
-        with _blas().limit(limits=1):
-            state.run(method(*state.start.shape))
-    else:
-        state._stop(np.ones(len(z), bool), ARRIVED[0])
-    return state.result()
+    lanes, active = lanes or Lanes(), problem.active
+    method = Marquardt if optimiser == "levenberg-marquardt" else Lbfgs
+
+    def run(z, begun, fixed, lanes: Lanes, enough) -> Ends:
+        state = _Search(problem, z, begun, fixed, lanes, limit, releases, enough)
+        if len(active):
+            with _blas().limit(limits=1):
+                state.run(method(*state.start.shape))
+        else:
+            state._stop(np.ones(len(z), bool), ARRIVED[0])
+        return state.result()
+
+    fixed = np.broadcast_to(False if fixed is None else fixed, (len(z), len(active)))
+    near = np.broadcast_to(enough, len(z))
+    ends = run(z, np.nan if begun is None else begun, fixed, lanes, near)
+    if problem.moves_yield is None:
+        return ends
+    for _ in range(AROUND_JUMPS):
+        stuck = np.flatnonzero(ends.reason == STUCK)
+        if not len(stuck):
+            break
+        some, still, beside = ends.some(stuck), fixed[stuck], lanes.some(stuck)
+        with_yields = still | problem.moves_yield[active]
+        others = run(some.z, some.begun, with_yields, beside, near[stuck])
+        others.reason[others.converged] = AT_JUMP
+        again = run(others.z, others.begun, still, beside, near[stuck])
+        better = again.cost < others.cost * (1 - MUCH)
+        better |= again.converged & (again.cost <= others.cost)
+        for part, old, new in zip(ends, others, again, strict=True):
+            part[stuck] = np.where(better.reshape(-1, *(1,) * (old.ndim - 1)), new, old)
+        ends.iterations[stuck] += some.iterations
+    return ends
 
 
 def guided_search(

@@ -27,7 +27,7 @@ def alike(problems: Sequence[Problem]) -> list[list[int]]:
 def _kind(problem: Problem) -> Any:
     """What problems of single data sets must have in common; None where this one is to be alone."""
     laws, errors = problem.laws, problem.errors
-    held = (problem.pull, problem.elastic, problem.within, problem.drag)
+    held = (problem.pull, problem.moves_yield, problem.drag)
     more = (problem.pools, problem.with_prior, np.any(problem.inside), any(laws.shape.shared))
     is_simple = len(errors) == laws.size == 1 and errors[0].is_normal and problem.is_fixed
     is_simple &= problem.count < ALONE and not np.any(problem.points.observable)

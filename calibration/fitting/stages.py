@@ -11,12 +11,12 @@ from jaxtyping import Float
 from scipy import special
 
 import softjax as sj
-from calibration.fitting.branches import Branches, by_branches, held_at
 from calibration.fitting.errors import Errors
+from calibration.fitting.jumps import beside_jumps
 from calibration.fitting.laws import OF_CONTACT, SPRINGS
 from calibration.fitting.methods import TINY, Condensed, condense
 from calibration.fitting.neighbourhoods import condensed
-from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.problem import Problem
 from calibration.fitting.request import Component, Request, assemble
 from calibration.fitting.search import (
     LARGEST_STEP,
@@ -86,8 +86,7 @@ def screened(
     unit = (shift + np.arange(1, count)[:, None] * np.sqrt(primes)) % 1
     places = np.repeat(z[None], count, axis=0)
     places[1:, active] = low + (high - low) * unit
-    lanes = Lanes(elastic=problem.elastic_at(places))
-    linear = problem.linearise(places, lanes, slopes=False)
+    linear = problem.linearise(places, slopes=False)
     squares = np.nan_to_num(linear.residual, nan=np.inf) ** 2
     begins = np.unique(problem.points.set, return_index=True)[1]
     of_sets = np.add.reduceat(squares[:, : problem.count], begins, axis=1)
@@ -119,6 +118,7 @@ ROUNDS = 30
 CLOSER = 2  # rounds in which neighbourhoods are brought to the minimum of all points
 RUN_OUT = 5.0  # in z: an element this far from its start may act on nothing any more
 CHANGED = 1e-9  # share of a cost by which another is lower
+OVER_JUMPS = 1e-5  # the same of searches that jumps of the cost stop, which end near these
 UNSETTLED = "variances keep changing"
 
 
@@ -143,13 +143,11 @@ class Stage:
 class StageFit:
     """Result of a stage."""
 
-    problem: Problem  # with the variances and branches that it settled on
+    problem: Problem  # with the variances that it settled on
     z: np.ndarray  # of the whole component
     ends: Ends  # the search that ended there, of one fit
     others: tuple[Ends, ...]  # where the other starts ended
     report: Stage  # what it took
-    # where ε jumps at yield, the lowest cost for each choice of elastic points
-    branches: Branches | None
     alone: bool  # whether one search alone of many ended so low, and misses the points
 
     @property
@@ -169,26 +167,22 @@ def run_stage(
     evaluated = 0 if ends else problem.evaluated[0]
     problem = first_variances(problem, z)
     unsettled = needs_variances(problem)
-    ends, branches, alone = _searched(problem, z, options, ends)
-    problem, best, others = held_at(problem, ends[0].z[0]), ends[0], ends[1:]
+    ends, alone = _searched(problem, z, options, ends)
+    best, others = ends[0], ends[1:]
     if unsettled:
         problem, best, *others = _lowest(problem, _minima(ends), options)
         is_scaled = problem.transform.kind != NONE
         if np.any(np.abs(best.z[0] - z)[is_scaled] > RUN_OUT):
             # while variances were large a loss might go to nothing, and is too flat there to come back
-            again = search(held_at(problem, z), z[None], options.optimiser, limit=options.max_steps)
+            again = search(problem, z[None], options.optimiser, limit=options.max_steps)
             problem, best, higher = _lowest(problem, [best, again], options)
             others.append(higher)
-            if branches is not None:
-                _, branches = _along_branches(problem, best.z, options)
-    if unsettled and branches is not None:
-        for _ in range(ROUNDS):
-            branches = branches.searched(problem)  # with the variances as they are now
-            lowest = branches.z[[int(np.argmin(branches.cost))]]
-            if np.min(branches.cost) >= best.cost[0] * (1 - CHANGED):
+    if unsettled and problem.jumps:
+        for _ in range(ROUNDS):  # with the variances as they are now
+            lower = _over_jumps(problem, [best], options)[0]
+            if lower is best:
                 break
-            (again,), branches = _along_branches(problem, lowest, options)
-            problem, best = settle(held_at(problem, again.z[0]), again, options)
+            problem, best = settle(problem, lower, options)
     norm, law = float(best.gradient_norm[0]), problem.laws.model.law_type
     route = law.default_route() if problem.route is None else problem.route
     report = Stage(
@@ -212,13 +206,12 @@ def run_stage(
         best,
         tuple(others),
         report,
-        branches=branches,
         alone=alone,
     )
 
 
 def _searched(problem: Problem, z, options: FitOptions, ends: list[Ends] | None):
-    """Ends of searches from the best of the starts, the best first, and branches where ε jumps at yield.
+    """Ends of searches from the best of the starts, the best first.
 
     Also whether one search alone of many ended so low, and misses the points.
     """
@@ -232,14 +225,34 @@ def _searched(problem: Problem, z, options: FitOptions, ends: list[Ends] | None)
             ends = _from_starts(level, starts, QUICKEST)
             around = ends[0].some([0, 0])._replace(z=along_valley(level, ends[0].z))
             starts = np.concatenate([_as_starts(level, end) for end in (*ends, around)])
-        if problem.elastic is not None:
-            return *_along_branches(problem, np.unique([z, *starts], axis=0), options), False
+        if problem.jumps:
+            starts = np.unique([z, *starts], axis=0)
         ends = _from_starts(few, starts, options.optimiser, options.max_steps)
+    if problem.jumps:
+        ends = _over_jumps(problem, ends, options)
     if options.starts >= FEWEST:
         ends, alone = _from_more_starts(few, z, ends, options)
     if few is not problem:
         ends = sorted((_of_all(problem, end, options) for end in _minima(ends)), key=_rank)
-    return ends, None, alone
+    return ends, alone
+
+
+def _over_jumps(problem: Problem, ends: list[Ends], options: FitOptions) -> list[Ends]:
+    """These and ends of searches from both sides of the jumps around the best of them, until none is lower."""
+    assert problem.moves_yield is not None
+    active = problem.active
+    for _ in range(ROUNDS):
+        places = beside_jumps(problem, ends[0].z[0])
+        if not len(places):
+            break
+        still = np.broadcast_to(problem.moves_yield[active], (len(places), len(active)))
+        beside = search(problem, places, fixed=still, limit=options.max_steps)
+        more = _from_starts(problem, beside.z, QUICKEST, options.max_steps)
+        is_lower = more[0].cost[0] < ends[0].cost[0] * (1 - OVER_JUMPS)
+        ends = _minima(sorted([*ends, *more], key=_rank), OVER_JUMPS)
+        if not is_lower:
+            break
+    return ends
 
 
 def _weighing(problem: Problem, variances) -> Problem:
@@ -318,17 +331,17 @@ def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions
     return _minima(ends), alone
 
 
-def _minima(ends: list[Ends]) -> list[Ends]:
+def _minima(ends: list[Ends], share: float = AS_LOW) -> list[Ends]:
     """One end of each cost."""
     minima: list[Ends] = []
     for end in ends:
-        if not any(_as_low(end, minimum) for minimum in minima):
+        if not any(_as_low(end, minimum, share) for minimum in minima):
             minima.append(end)
     return minima[: REFINED + 1]
 
 
-def _as_low(first: Ends, second: Ends) -> bool:
-    return abs(first.cost[0] - second.cost[0]) <= AS_LOW * second.cost[0] + 1e-300
+def _as_low(first: Ends, second: Ends, share: float = AS_LOW) -> bool:
+    return abs(first.cost[0] - second.cost[0]) <= share * second.cost[0] + 1e-300
 
 
 def _misses(problem: Problem, end: Ends) -> bool:
@@ -341,19 +354,6 @@ def _misses(problem: Problem, end: Ends) -> bool:
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
     off = residual[: problem.count]
     return any(runs(problem.points.velocity[span], off[span]) for span in problem.spans)
-
-
-def _along_branches(problem: Problem, starts, options: FitOptions) -> tuple[list[Ends], Branches]:
-    """Searches where the cost jumps, and the branches around the best."""
-    branched = [(z, *by_branches(problem, z)) for z in starts]
-    branched.sort(key=lambda entry: float(f"{entry[1].cost[0]:.6g}"))
-    ends = []
-    for z, best, _ in branched:
-        begun = np.full(best.z.shape, np.nan)
-        begun[:, problem.active] = np.where(best.limits != 0, z[problem.active], np.nan)
-        here, keywords = held_at(problem, best.z[0]), {"begun": begun, "limit": options.max_steps}
-        ends.append(search(here, best.z, options.optimiser, **keywords))
-    return sorted(ends, key=_rank), branched[0][2]
 
 
 def _rank(end: Ends) -> tuple[float, bool]:
@@ -375,7 +375,7 @@ def _in_units(problem: Problem, end: Ends) -> tuple[Problem, Ends]:
 
 def _lowest(problem: Problem, ends: list[Ends], options: FitOptions) -> tuple[Any, ...]:
     """The problem and the end of the highest likelihood, each with its own variances settled; then the others."""
-    settled = [settle(held_at(problem, end.z[0]), end, options) for end in ends]
+    settled = [settle(problem, end, options) for end in ends]
     (problem, best), *others = sorted(settled, key=lambda each: _minus_two_log(*each))
     return problem, best, *(end for _, end in others)
 

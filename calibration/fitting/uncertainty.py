@@ -39,7 +39,10 @@ DIFFERENCE = 2e-3  # step in z of the fourth-order differences of the exact grad
 OF_ERROR = 0.1  # of that step, in standard errors, where weights of points move with the residuals
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 FOLLOWS = 0.1  # of its error by which an element follows another by a factor of e: it counts as undetermined
-SIDES = np.array([-2, -1, 1, 2])
+# places of these differences and their weights: on both sides, and of third order on one
+BOTH_SIDES = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12
+ONE_SIDE = np.arange(4.0), np.array([-11.0, 18.0, -9.0, 2.0]) / 6
+SHORTER = 12  # how often a step is halved that would pass a jump
 LEAST_CURVATURE = 0.02  # observed over expected information, below which it counts as none
 MOST = 4_000_000  # impacts of second derivatives
 NUMBERS = 20_000_000  # of Jacobians that are in memory at once
@@ -355,18 +358,33 @@ def gradient_slopes(
     """∂(Jᵀ r)/∂z along some ways, of the curvature of -ln p.
 
     Fourth-order differences of the exact gradient, all in one batch: no second derivative of a time
-    integration is compiled, and the error stays near 1e-11. No step is longer than so many of its way.
+    integration is compiled, and the error stays near 1e-11. No step is longer than so many of its way. Where
+    the cost jumps they stay between two jumps, or go to one side.
     """
     scaled = problem.transform.kind != NONE
     moved = np.abs(ways) / np.where(scaled, 1.0, np.maximum(np.abs(z), 1e-6))
-    steps = np.minimum(DIFFERENCE / np.maximum(np.max(moved, axis=1), TINY), longest)[:, None]
-    flat = (z + (steps * ways)[:, None] * SIDES[:, None]).reshape(-1, len(z))
+    steps = np.minimum(DIFFERENCE / np.maximum(np.max(moved, axis=1), TINY), longest)
+    sides, weights = (np.tile(a, (len(ways), 1)) for a in BOTH_SIDES)
+    if problem.jumps:
+        for k, way in enumerate(ways):
+            steps[k], sides[k], weights[k] = _between_jumps(problem, z, way, steps[k])
+    flat = (z + steps[:, None, None] * ways[:, None] * sides[..., None]).reshape(-1, len(z))
     most = max(1, NUMBERS // (problem.count * max(len(problem.active), 1)))
     gradient = np.concatenate(
         [problem.linearise(flat[k : k + most]).gradient for k in range(0, len(flat), most)]
     ).reshape(len(ways), 4, -1)
-    far_down, down, up, far_up = np.moveaxis(gradient, 1, 0)
-    return (8 * (up - down) - (far_up - far_down)) / (12 * steps)
+    return np.einsum("ns,nsp->np", weights, gradient) / steps[:, None]
+
+
+def _between_jumps(problem: Problem, z, way, step: float):
+    """The longest step of differences along a way that passes no jump, their places and weights."""
+    (sides, weights), here = ONE_SIDE, problem.is_elastic_at(z[None])
+    for _ in range(SHORTER):
+        for at, factors in (BOTH_SIDES, ONE_SIDE, (-sides, -weights)):
+            if np.all(problem.is_elastic_at(z + step * at[:, None] * way) == here):
+                return step, at, factors
+        step *= 0.5
+    return step, *ONE_SIDE
 
 
 def leverages(jacobian: Float[np.ndarray, "m p"]) -> Float[np.ndarray, " m"]:

@@ -57,6 +57,10 @@ ADVICE = {
     "extrapolation": "Measure there before relying on it.",
     "all-below-yield": "Measure above the critical velocity; the unloading factor acts only there.",
     "eps-up-only": "Measure below the critical velocity to separate sigma from psi.",
+    "yield-jump": (
+        "Measure farther from the critical velocity on both sides, or fix what yield depends on: the side "
+        "that such a point is on decides where yield is."
+    ),
     "velocity-errors": (
         "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
     ),

@@ -31,6 +31,10 @@ COLLINEAR = 0.99  # correlation from which on two parameters count as one number
 SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be right
+NEAR_JUMP = 0.02  # of the critical velocity, within which a point may be on either side
+SHARE_OF_NOISE = 1 / 3  # from which on a jump of ε is one to speak of
+BESIDE = 1e-9  # of the critical velocity, on both sides of which ε is compared
+MOST_NAMED = 8
 NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
 FEWEST_GROUPS = 4  # of which one may be far from the others
 FEWEST_POINTS = 10  # that show a trend
@@ -216,9 +220,9 @@ def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Es
         moved = [int(k) for k in problem.active if differs[k] and is_outside(k, theta[k])]
         if not moved:
             continue
-        # of the points, each on its branch there, and of the priors
+        # of the points and of the priors
         z = stage.z + shares[:, None] * way
-        cost = problem.linearise(z, Lanes(elastic=problem.elastic_at(z)), slopes=False).cost
+        cost = problem.linearise(z, slopes=False).cost
         spread = weighted_deviation(fit, problem, LEAST_NOISE)
         rise, highest = 2 * (cost[-1] - cost[0]) / np.mean(spread**2), max(cost[0], cost[-1])
         if rise < SEVERAL_DELTA and np.any(cost > highest * (1 + LEFT_UNDONE)):
@@ -237,6 +241,7 @@ def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, 
     if RESTITUTION in errors:
         found += _of_restitution(part, residual, errors[RESTITUTION])
         found += raised(part.name, _of_levels(fit, part, residual))
+        found += raised(part.name, [("yield-jump", _beside_jump(fit, part))])
     for name, goodness in part.observed.items():
         words = OBSERVABLES[name].words
         causes = _of_residuals(part, goodness, errors[name], np.array(goodness.standardised))
@@ -247,6 +252,35 @@ def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, 
             cause = f"{words}: the law misses the values by {100 * goodness.rms:.3g} % (rms)"
             found.append(FitWarning("plausibility", cause, part.name, OF_UNITS))
     return found
+
+
+def _beside_jump(fit: ComponentFit, part: MaterialFit) -> str | None:
+    """Points so near to first yield that they decide where it is, as ε jumps there and yield moves in the fit."""
+    problem = fit.final.problem
+    g = [spec.data.name for spec in fit.component.specs].index(part.name)
+    moves = () if problem.moves_yield is None else np.flatnonzero(problem.moves_yield)
+    if not any(g in fit.component.elements[k].sets for k in moves):
+        return None
+    critical, velocity = problem.yields_at(fit.z), problem.points.velocity
+    assert critical is not None
+    sides = Lanes(velocity=critical * (1 + BESIDE * np.array([[-1.0], [1.0]])))
+    below, above = problem.bare.linearise(np.tile(fit.z, (2, 1)), sides, False).prediction
+    is_big = np.abs(above - below) > SHARE_OF_NOISE * fit.uncertainty.deviation
+    is_eps = (problem.points.set == g) & (problem.points.observable == 0)
+    near = np.flatnonzero(is_eps & is_big & (np.abs(velocity / critical - 1) <= NEAR_JUMP))
+    if not len(near):
+        return None
+    data, rows = part.data, np.flatnonzero(np.isfinite(part.data.restitution))
+    first = int(np.flatnonzero(is_eps)[0])
+    lines = () if data.origin is None else data.origin.lines
+    named = []
+    for row in rows[near - first]:
+        place = f"line {lines[row]}" if row < len(lines) else f"row {row + 1}"
+        named.append(f"{place} at {data.velocity[row]:.4g} m/s")
+    jump = float(np.max(np.abs(above - below)[near]))
+    where = f"within {100 * NEAR_JUMP:g} % of the critical velocity, where ε jumps by {jump:.2g}"
+    more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+    return f"{', '.join(named[:MOST_NAMED])}{more}: {where}"
 
 
 def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:

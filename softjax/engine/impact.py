@@ -79,13 +79,8 @@ class Impact(eqx.Module):
     elastic: Flags
 
 
-def prepare(law: ContactLaw, velocity: Numbers, held: Flags | None = None) -> Impact:
-    """The impacts, each on its branch.
-
-    Args:
-        held: True where an impact is to be taken for elastic, False where for yielding, wherever
-            its velocity is, of laws that have both; None: as the law has it.
-    """
+def prepare(law: ContactLaw, velocity: Numbers) -> Impact:
+    """The impacts, each elastic or yielding as the law has it at its velocity."""
     law_valid = law.is_valid()
     law = _harmless(law, law_valid)
     valid = law_valid & jnp.isfinite(velocity) & (velocity >= 0)
@@ -100,12 +95,7 @@ def prepare(law: ContactLaw, velocity: Numbers, held: Flags | None = None) -> Im
     # not y <= 1: a quotient may be compiled into a product that rounds otherwise
     limit = law.elastic_velocity()
     elastic = velocity <= limit
-    if held is not None:
-        elastic = jnp.where((limit > 0) & jnp.isfinite(limit), held, elastic)
-    # an impact that is held on the yielding branch below yield is taken at yield
-    least = jnp.where(elastic, 0.0, jnp.maximum(limit - velocity, 0.0))
-    acting = jnp.where(elastic, some, velocity + jax.lax.stop_gradient(least))
-    return Impact(law, velocity, acting, valid, elastic)
+    return Impact(law, velocity, jnp.where(elastic, some, velocity), valid, elastic)
 
 
 def _harmless(law: ContactLaw, valid: Flags) -> ContactLaw:
@@ -136,11 +126,11 @@ def collisions(parameters, velocity, output: Callable, requested: str | None):
     """`output(impact, collision, requested)`: elastic impacts by a power law, others by the route; in SI.
 
     Args:
-        parameters: law, route and what is held elastic (see `prepare`).
+        parameters: law and route.
         requested: "overlaps", "duration", "force" or None.
     """
-    law, route, held = parameters
-    impact = prepare(law, velocity, held)
+    law, route = parameters
+    impact = prepare(law, velocity)
     law = impact.law
     clock, force = requested == "duration", requested == "force"
     if isinstance(law, RateIndependentLaw) and law.never_yields:

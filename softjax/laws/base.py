@@ -139,9 +139,8 @@ class RateIndependentLaw(ForceLaw):
     The contact ends at the last zero of the unloading force below its peak, or at zero overlap.
     Optional, and honoured by both routes: `breakpoints`, `elastic_overlap`, `residual_overlap`.
 
-    `jumps_at_yield` says whether ε jumps where an impact leaves the elastic stage. A search that
-    moves what yield depends on then holds every impact on its branch during a step. `never_yields`
-    says that every impact is elastic.
+    `jumps_at_yield` says whether ε jumps where an impact leaves the elastic stage: a fit that moves
+    what yield depends on then expects jumps of its cost. `never_yields` says that every impact is elastic.
     """
 
     jumps_at_yield: ClassVar[bool] = False

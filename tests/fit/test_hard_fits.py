@@ -142,6 +142,46 @@ def test_an_interval_of_the_strength_ends_where_the_cost_does():
         assert rise(end / size * (1 + 1e-6 * outward)) >= -1e-3
 
 
+def balls(ratio):
+    """Two alike with E/Y = `ratio`."""
+    ball = sj.Material(2.5e9, 0.3, 1140.0, 2.5e9 / 2 / 0.91 / ratio)
+    return sj.Contact.between_spheres(ball, ball, 0.0127, 0.0127)
+
+
+@pytest.mark.parametrize(("ratio", "chi", "seed"), [(34.34, 0.22, 0), (354.75, 1.8, 1)])
+def test_a_free_strength_ends_no_worse_than_a_search_over_a_grid_of_it(ratio, chi, seed):
+    """χ² by SciPy's own curve: no higher than at the start, and than any with Y on a grid, the others searched."""
+    contact = balls(ratio)
+    numbers, size = fit_oracle.numbers(contact), float(contact.yield_strength)
+    y = np.geomspace(0.3, 30, 26)
+    velocity = y * float(contact.critical_velocity)
+
+    def curve_of(factor, chi, sigma):
+        softer = numbers | {"Y": factor * numbers["Y"]}
+        return fit_oracle.curve(velocity, softer, chi, sigma, 0.5)
+
+    noise = 0.004 * np.random.default_rng(seed).standard_normal(26)
+    measured = np.maximum(curve_of(1.0, chi, 0.45) + noise, 0.0)
+    data = cal.RestitutionData(velocity, measured, contact, uncertainty=0.004)
+    free = {"chi": cal.Parameter(chi), "sigma": cal.Parameter(0.45), STRENGTH: cal.Parameter(size)}
+    result = cal.fit(data, "zhou", free | {"psi": 0.5}, profiles=False)
+    assert result.converged
+    found = (result.values[name] for name in ("chi", "sigma"))
+
+    def off_by(factor, *others):
+        return (curve_of(factor, *others) - measured) / 0.004
+
+    best = np.sum(off_by(result.values[STRENGTH] / size, *found) ** 2)
+    assert best <= np.sum(off_by(1.0, chi, 0.45) ** 2)
+    jumps = y ** (1 / 2.5)  # where the critical velocity passes that of a point
+    grid = np.concatenate([np.linspace(0.9, 1.1, 9), jumps * (1 - 1e-8), jumps * (1 + 1e-8)])
+    ends = []
+    for factor in grid[(grid >= 0.9) & (grid <= 1.1)]:
+        off = lambda z, factor=factor: off_by(factor, *np.exp(z))  # noqa: E731
+        ends.append(2 * least_squares(off, np.log([chi, 0.45]), x_scale=0.1).cost)
+    assert best <= min(ends) + 1e-3
+
+
 class Wave(sj.HardSphereLaw):
     """ε = |a + b cos wv|. Its rate w tells itself within 0.5 s/m alone: beyond, the cost has other minima."""
 

@@ -77,7 +77,6 @@ VALUES = {
     "nothing": [None],
     "area": ["zhou", None, 1],
     "end": ["zero", None, 0],
-    "truth": ["yes", 1, [1.0], [[True], [True, False]]],
     "route": [sj.EnergyBalance(), "ode", 1],
     "samples": [2, 0, -1, 2.0, "5", None, True],
     "tolerance": [0.0, -1e-6, 1.0, 1e-15, math.nan, "1e-6", [1e-6]],
@@ -113,9 +112,6 @@ UNFIT = {  # words of the line
     ),
     "broadcast|`chi` (2,), `sigma` (3,)": lambda: replace(TWO_CHI, sigma=THREE),
     "broadcast|`velocity` (3,), `chi` (2,)": lambda: sj.restitution(TWO_CHI, THREE),
-    "broadcast|`velocity` (2,), `elastic` (3,)": lambda: CALLS["signed"](
-        velocity=TWO, elastic=THREE > 0
-    ),
     "`route` must be ClosedForm() or ODE(...) for Visc": lambda: sj.restitution(
         VISCOELASTIC, 1.0, sj.EnergyBalance()
     ),

@@ -106,6 +106,18 @@ def imprecise(part=None, near=None):
     return cal.fit(replace(one, errors=None, uncertainty=0.002, velocity_uncertainty=u), **QUICK)
 
 
+def beside_yield(y):
+    """A yield strength that is free, and a point at y times the critical velocity of it."""
+    data = twin(
+        "nylon",
+        np.append(np.geomspace(0.2, 0.8, 8), [y, *np.geomspace(1.6, 20, 12)]),
+        0.0003,
+        uncertainty=0.0003,
+    )
+    known = dict(zip(("chi", "sigma", "psi"), TRUTH["nylon"][1:4], strict=True))
+    return cal.fit(data, None, known | {"yield_strength": Free()}, **QUICK)
+
+
 def zhou(name, y=None, noise=0.0, seed=0, **options):
     """Of the model's own curve."""
     stated = {"uncertainty": noise} if options.pop("stated", False) else {}
@@ -118,6 +130,7 @@ BELOW = {"noise": 0.001}
 CASES = {
     "velocity-errors": lambda: (imprecise(0.151), imprecise(0.149)),
     "velocity-errors, near yield": lambda: (imprecise(near=1.99), imprecise(near=2.01)),
+    "yield-jump": lambda: (beside_yield(1.0), beside_yield(1.3)),
     # with noise as large as this the losses below yield say nothing of ψ
     "at-bound, at zero": lambda: [zhou("nylon", None, u, 2, stated=True) for u in (0.03, 0.0005)],
     "at-bound, at infinity": lambda: [zhou(STEEL, None, u, stated=True) for u in (0.01, 0.0003)],

@@ -1,0 +1,44 @@
+"""Jumps of the cost: ε jumps at yield, and a fit that moves yield takes points from one side to the other.
+
+Between two jumps the cost is smooth: its minimum has no gradient, or is at a jump.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from calibration.fitting.problem import Problem
+
+BESIDE = 1e-9  # of a parameter: how far from a jump it is put
+AROUND = 2.0  # factor on the critical velocity within which jumps are looked at
+MOST = 16  # of them, along an element
+TRIED = 1e-3  # step in z that shows how the critical velocity moves
+
+
+def beside_jumps(
+    problem: Problem, z: Float[np.ndarray, " elements"]
+) -> Float[np.ndarray, "places elements"]:
+    """Places on both sides of the jumps around z, along each element that yield moves with."""
+    places = [z[None][:0]]
+    moves = np.zeros(len(z), bool) if problem.moves_yield is None else problem.moves_yield
+    for k in problem.active[moves[problem.active]]:
+        of_sets = np.flatnonzero(np.isin(problem.points.set, problem.elements[k].sets))
+        both, part = np.tile(z, (2, 1)), problem.transform.part([k])
+        both[1, k] += TRIED * max(abs(z[k]), TRIED)
+        value, moved = part.physical(both[:, [k]])[:, 0]
+        here, there = np.asarray(problem.yields_at(both, of_sets))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            power = np.log(there / here) / np.log(moved / value)
+            ratio = problem.points.velocity[of_sets] / here
+            factor = ratio ** (1 / power)
+        near = (power != 0) & (np.abs(np.log(ratio)) < np.log(AROUND))
+        factor = np.unique(factor[near & np.isfinite(factor)])
+        factor = factor[np.argsort(np.abs(np.log(factor)))]
+        if len(factor) > MOST:  # the nearest, and some of the others
+            rest = np.linspace(MOST // 2, len(factor) - 1, MOST - MOST // 2)
+            factor = factor[[*range(MOST // 2), *rest.astype(int)]]
+        sides = value * np.outer(factor, [1 - BESIDE, 1 + BESIDE]).ravel()
+        sides = sides[(sides > part.lower) & (sides < part.upper)]
+        along = np.repeat(z[None], len(sides), axis=0)
+        along[:, k] = part.unconstrained(sides[:, None])[:, 0]
+        places.append(along)
+    return np.concatenate(places)
