@@ -29,6 +29,8 @@ from calibration.fitting.search import (
 from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
 from calibration.fitting.variances import (
+    LEAST_SPREAD,
+    estimate_of_pool,
     first_variances,
     have_settled,
     needs_variances,
@@ -113,7 +115,8 @@ MORE = ((8, 16, 3.0), (16, 32, 10.0))
 MOST_SCREENED = 400_000  # impacts
 ODE_SHARE = 0.05  # of these where each is integrated over time
 QUICKEST = "levenberg-marquardt"
-AS_LOW = 1e-6  # share of a cost within which two ends are one minimum
+AS_LOW = 1e-6  # share of a cost within which two ends may be one minimum
+MOVED = 1e-2  # in z, from which on ends are others to a reader
 ROUNDS = 30
 CLOSER = 2  # rounds in which neighbourhoods are brought to the minimum of all points
 RUN_OUT = 5.0  # in z: an element this far from its start may act on nothing any more
@@ -170,7 +173,8 @@ def run_stage(
     ends, alone = _searched(problem, z, options, ends)
     best, others = ends[0], ends[1:]
     if unsettled:
-        problem, best, *others = _lowest(problem, _minima(ends), options)
+        candidates = [*_minima(ends), *_tied(problem, z, options)]
+        problem, best, *others = _lowest(problem, candidates, options)
         is_scaled = problem.transform.kind != NONE
         if np.any(np.abs(best.z[0] - z)[is_scaled] > RUN_OUT):
             # while variances were large a loss might go to nothing, and is too flat there to come back
@@ -249,10 +253,23 @@ def _over_jumps(problem: Problem, ends: list[Ends], options: FitOptions) -> list
         beside = search(problem, places, fixed=still, limit=options.max_steps)
         more = _from_starts(problem, beside.z, QUICKEST, options.max_steps)
         is_lower = more[0].cost[0] < ends[0].cost[0] * (1 - OVER_JUMPS)
-        ends = _minima(sorted([*ends, *more], key=_rank), OVER_JUMPS)
+        ends = _minima(sorted([*ends, *more], key=_rank), OVER_JUMPS, np.inf)
         if not is_lower:
             break
     return ends
+
+
+def _tied(problem: Problem, z, options: FitOptions) -> list[Ends]:
+    """The best end with the members of each pool as one: where their spread is 0 no other search may get there."""
+    if not problem.pools:
+        return []
+    pools = tuple(pool._replace(spread=LEAST_SPREAD) for pool in problem.pools)
+    tied = replace(problem, pools=pools)
+    starts = screened(tied, z, options.starts, options.seed, REFINED)
+    for pool in pools:
+        members = list(pool.members)
+        starts[:, members] = np.mean(starts[:, members], axis=1, keepdims=True)
+    return _from_starts(tied, starts, QUICKEST, options.max_steps)[:1]
 
 
 def _weighing(problem: Problem, variances) -> Problem:
@@ -312,7 +329,7 @@ def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions
     """
     p, share = len(problem.active), ODE_SHARE if isinstance(problem.route, sj.ODE) else 1.0
     for k, (per_element, most, wide) in enumerate(MORE):
-        agree = len(_minima(ends)) == 1 and len(ends) > 1
+        agree = len(ends) > 1 and all(_as_low(end, ends[0]) for end in ends)
         if not _misses(problem, ends[0]) or (agree and (k > 0 or p <= 2)):
             break
         room = int(share * MOST_SCREENED / problem.count)
@@ -331,17 +348,24 @@ def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions
     return _minima(ends), alone
 
 
-def _minima(ends: list[Ends], share: float = AS_LOW) -> list[Ends]:
-    """One end of each cost."""
+def _minima(ends: list[Ends], share: float = AS_LOW, moved: float = MOVED) -> list[Ends]:
+    """One end of each cost, and of each place: two minima may be as low."""
     minima: list[Ends] = []
     for end in ends:
-        if not any(_as_low(end, minimum, share) for minimum in minima):
+        if not any(_as_low(end, at, share) and _is_near(end, at, moved) for at in minima):
             minima.append(end)
     return minima[: REFINED + 1]
 
 
 def _as_low(first: Ends, second: Ends, share: float = AS_LOW) -> bool:
     return abs(first.cost[0] - second.cost[0]) <= share * second.cost[0] + 1e-300
+
+
+def _is_near(first: Ends, second: Ends, moved: float) -> bool:
+    """Whether two ends are one place, but for what ran to an end of its range."""
+    if np.any(first.limits) or np.any(second.limits):
+        return True
+    return bool(np.max(np.abs(first.z - second.z), initial=0.0) <= moved)
 
 
 def _misses(problem: Problem, end: Ends) -> bool:
@@ -381,17 +405,18 @@ def _lowest(problem: Problem, ends: list[Ends], options: FitOptions) -> tuple[An
 
 
 def _minus_two_log(problem: Problem, end: Ends) -> float:
-    """-2 ln p(data | θ, s) p(θ) where a search ended, to nine digits."""
+    """-2 ln p(data | θ, s) p(θ) where a search ended, over all members of pools, to nine digits."""
     linear = problem.linearise(end.z, slopes=False)
     priors = linear.residual[:, problem.count : linear.residual.shape[1] - problem.more]
-    spreads = sum(2 * len(pool.members) * np.log(pool.spread) for pool in problem.pools)
+    pools = [(estimate_of_pool(problem, end.z[0], p, end.limits[0]), p) for p in problem.pools]
+    spreads = sum(estimate.minus_two_log(pool.spread) for estimate, pool in pools)
     return float(f"{problem.deviance(end.z)[0] + np.sum(priors**2) + spreads:.9g}")
 
 
 def settle(problem: Problem, end: Ends, options: FitOptions, restricted: bool = True):
     """Search again until the variances are those of where the search ends: the problem, and the end."""
     for _ in range(ROUNDS):
-        adapted = renewed(problem, end.z[0], restricted)
+        adapted = renewed(problem, end.z[0], restricted, end.limits[0])
         if have_settled(adapted, problem):
             return problem, end
         problem = adapted
@@ -399,7 +424,7 @@ def settle(problem: Problem, end: Ends, options: FitOptions, restricted: bool = 
         # what is at an end of its range stays there: it was looked at when the search arrived
         again = search(problem, end.z, optimiser, begun=end.begun, limit=most, releases=0)
         end = again._replace(iterations=end.iterations + again.iterations)
-    if not have_settled(renewed(problem, end.z[0], restricted), problem):
+    if not have_settled(renewed(problem, end.z[0], restricted, end.limits[0]), problem):
         end = end._replace(converged=np.array([False]), reason=np.array([UNSETTLED]))
     return problem, end
 

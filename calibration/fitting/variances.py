@@ -284,13 +284,17 @@ def variances_at(
     return tuple(estimates)
 
 
-def renewed(problem: Problem, z: np.ndarray, restricted: bool = True) -> Problem:
-    """The problem with variances and spreads of pools as of z."""
+def renewed(
+    problem: Problem, z: np.ndarray, restricted: bool = True, limits: Any = None
+) -> Problem:
+    """The problem with variances and spreads of pools as of z, `limits` as of `estimate_of_pool`."""
     if any(errors.unknown for errors in problem.errors):
         estimates = variances_at(problem, z[None], None, restricted)
         single = [{kind: float(value[0]) for kind, value in table.items()} for table in estimates]
         problem = replace(problem, variances=tuple(single))
-    pools = [p._replace(spread=estimate_of_pool(problem, z, p).spread) for p in problem.pools]
+    pools = [
+        p._replace(spread=estimate_of_pool(problem, z, p, limits).spread) for p in problem.pools
+    ]
     return replace(problem, pools=tuple(pools)) if pools else problem
 
 
@@ -324,6 +328,13 @@ class PoolEstimate:
         off = self.place - mean
         return mean, information**-0.5, logs + float(off @ inverse @ off)
 
+    def minus_two_log(self, spread: float) -> float:
+        """What integrating over the members and their mean adds to -2 ln p at their best."""
+        count = len(self.place)
+        around = (np.eye(count) - 1 / count) / spread**2
+        determinant = np.linalg.slogdet(np.linalg.inv(self.covariance) + around)[1]
+        return float(determinant) + 2 * (count - 1) * float(np.log(spread))
+
     def at(self, log: float) -> float:
         """-2 ln L_R at the logarithm of a spread."""
         return self.mean(float(np.exp(log)))[2]
@@ -350,8 +361,14 @@ class PoolEstimate:
         return float(np.exp(brentq(lambda log: self.at(log) - level, first, last, xtol=1e-10)))
 
 
-def estimate_of_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimate:
-    """Estimates of a pool's members from the data and the priors of other parameters, without the pool."""
+def estimate_of_pool(
+    problem: Problem, z: np.ndarray, pool: Pool, limits: Any = None
+) -> PoolEstimate:
+    """Estimates of a pool's members from the data and the priors of other parameters, without the pool.
+
+    Args:
+        limits: +1 or -1 for active elements at an end of their range, which follow nothing, else 0.
+    """
     linear = problem.linearise(z[None])
     first = problem.count + len(problem.with_prior)
     for other in problem.pools:
@@ -362,7 +379,8 @@ def estimate_of_pool(problem: Problem, z: np.ndarray, pool: Pool) -> PoolEstimat
     others = (rows < first) | (rows >= first + len(pool.members))
     jacobian, residual = linear.jacobian[0, others], linear.residual[0, others]
     members = np.searchsorted(problem.active, pool.members)
-    rest = np.delete(jacobian, members, axis=1)
+    held = np.zeros(len(problem.active), bool) if limits is None else np.asarray(limits) != 0
+    rest = np.delete(np.where(held, 0.0, jacobian), members, axis=1)
     mine = np.c_[jacobian[:, members], residual]  # less what the others make up for
     mine = mine - rest @ np.linalg.lstsq(rest, mine, rcond=1e-9)[0]
     slopes, off = mine[:, :-1], mine[:, -1]
@@ -379,9 +397,10 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
     The limits of a spread are where the restricted likelihood falls by half the χ² quantile.
     """
     estimates = {}
-    every = ((f.final.problem, f.z, p) for f in fits for p in f.final.problem.pools)
-    for problem, z, pool in every:
-        estimate = estimate_of_pool(problem, z, pool)
+    every = ((f.final, f.z, p) for f in fits for p in f.final.problem.pools)
+    for final, z, pool in every:
+        problem, limits = final.problem, final.limits
+        estimate = estimate_of_pool(problem, z, pool, limits)
         transform = problem.transform.part(np.array(pool.members[:1]))
         mean, error, least = estimate.mean(pool.spread)
         reach = float(special.stdtrit(len(pool.members) - 1, 0.5 * (1 + confidence))) * error

@@ -3,9 +3,7 @@
 Functions yield codes of `calibration.fitting.warnings.ADVICE` with their causes in words, None where there is
 none, and with advice of their own where that of the code does not fit.
 
-Another end of a search counts as another minimum only if the gradient vanishes there and the cost rises
-on the straight way from it to the best. A straight way that rises does not prove that every bent one
-does; of a valley so level that the gradient vanishes at two places along it no other minima are reported."""
+Another end of a search counts as another minimum where a value is outside its interval."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -21,7 +19,8 @@ from calibration.fitting.material import Estimate, Goodness, MaterialFit
 from calibration.fitting.noise import Normal
 from calibration.fitting.problem import Element, Lanes
 from calibration.fitting.profiles import Profile, weighted_deviation
-from calibration.fitting.stages import ComponentFit, StageFit
+from calibration.fitting.search import Ends
+from calibration.fitting.stages import MOVED, ComponentFit, StageFit
 from calibration.fitting.uncertainty import quantile
 from calibration.fitting.warnings import CONFIDENCE, OTHER_LAWS, FitWarning, runs
 from calibration.observables import OBSERVABLES, RESTITUTION
@@ -29,6 +28,7 @@ from calibration.rounding import with_error
 
 COLLINEAR = 0.99  # correlation from which on two parameters count as one number
 SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
+AS_GOOD = 1e-3  # difference of -2 ln L that is none to a reader
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be right
 NEAR_JUMP = 0.02  # of the critical velocity, within which a point may be on either side
@@ -43,11 +43,6 @@ LINE_ROUNDS = 50  # of a straight line and the weights of its points in turn
 FROM_PRIOR = 3.0  # of its standard deviations, beyond which an estimate contradicts a prior
 NO_RESIDUAL = 1e-12  # of ε
 MOST_OFF = 0.5  # rms of an observable other than ε, in parts of its values
-MOVED = 1e-2  # in z, from which on values are others to a reader
-STATIONS = 32
-# Share of the cost that the next step may still promise where the gradient counts as vanished. A
-# rise no larger than that may be made of what the two searches left undone.
-LEFT_UNDONE = 1e-8
 LEAST_NOISE = 1e-10  # of ε: less is no noise
 NOISELESS = 1e-9  # rms of ε about Eq. (17) below which data are a curve and no measurement
 MISSES = f"The law misses a trend ({OTHER_LAWS})."
@@ -100,11 +95,16 @@ def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dic
     for stage in fit.stages:
         for data in stage.problem.datasets:
             found += raised(data.name, _of_search(stage))
-        for k, rise in _other_minima(fit, stage, by_element).items():
-            element = fit.component.elements[k]
-            higher = f"only {rise:.2g} higher" if rise >= 0 else f"{-rise:.2g} lower"
-            cause = f"another minimum for {element.name} has a chi squared {higher}"
-            found.append(FitWarning("several-minima", cause, _owner(fit, element.sets)))
+        for rise, values in _other_minima(fit, stage, by_element):
+            there, here = (
+                ", ".join(f"{fit.component.elements[k].label} = {at[k]:.4g}" for k in values)
+                for at in (values, fit.theta)
+            )
+            far = f"is {abs(rise):.2g} {'higher' if rise >= 0 else 'lower'}"
+            far = far if abs(rise) > AS_GOOD else "is the same"
+            cause = f"another minimum, where -2 ln L {far}: {there}; intervals are of {here} alone"
+            sets = {s for k in values for s in fit.component.elements[k].sets}
+            found.append(FitWarning("several-minima", cause, _owner(fit, tuple(sets))))
     return found + separation
 
 
@@ -202,32 +202,33 @@ def _separation(fit: ComponentFit, curves: dict[str, Profile]) -> list[FitWarnin
 
 
 def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Estimate]):
-    """Elements with a value outside their interval at a minimum nearly as good, and how much higher χ² is there."""
-    problem, rises = stage.problem, {}
-    # closely near the ends: the rise around a shallow minimum is there
-    shares = np.sin(np.linspace(0, np.pi / 2, STATIONS + 2)) ** 2
+    """Ends of other searches nearly as good, with a value outside its interval: how much higher -2 ln L is, and values.
+
+    An end where a parameter grows without bound is none: a valley without an end has no second minimum.
+    """
+    problem = stage.problem
+    bounds = problem.transform.part(problem.active)
+
+    def runs_away(end: Ends) -> bool:
+        limits = end.limits[0]
+        return bool(np.any((limits != 0) & ~np.isfinite(bounds.bound_beyond(limits))))
 
     def is_outside(k: int, value: float) -> bool:
         low, high = estimates[k].low, estimates[k].high
         return (low is not None and value < low) or (high is not None and value > high)
 
-    for other in stage.others:
-        # at an end of a range is none: a valley without an end has no second minimum
-        if not other.converged[0] or np.any(stage.limits) or np.any(other.limits):
-            continue
-        way, theta = other.z[0] - stage.z, problem.transform.physical(other.z[0])
-        differs = fit.uncertainty.known & (np.abs(way) > MOVED)
-        moved = [int(k) for k in problem.active if differs[k] and is_outside(k, theta[k])]
-        if not moved:
-            continue
-        # of the points and of the priors
-        z = stage.z + shares[:, None] * way
-        cost = problem.linearise(z, slopes=False).cost
-        spread = weighted_deviation(fit, problem, LEAST_NOISE)
-        rise, highest = 2 * (cost[-1] - cost[0]) / np.mean(spread**2), max(cost[0], cost[-1])
-        if rise < SEVERAL_DELTA and np.any(cost > highest * (1 + LEFT_UNDONE)):
-            rises |= {k: float(rise) for k in moved if k not in rises}
-    return rises
+    ends = [end for end in stage.others if end.converged[0] and not runs_away(end)]
+    if not ends or runs_away(stage.ends):
+        return
+    cost = problem.linearise(np.stack([stage.z, *(end.z[0] for end in ends)]), slopes=False).cost
+    spread = weighted_deviation(fit, problem, LEAST_NOISE)
+    rises = 2 * (cost[1:] - cost[0]) / np.mean(spread**2)
+    for end, rise in zip(ends, rises, strict=True):
+        theta = problem.transform.physical(end.z[0])
+        differs = fit.uncertainty.known & (np.abs(end.z[0] - stage.z) > MOVED)
+        moved = {int(k): float(theta[k]) for k in problem.active if differs[k]}
+        if rise < SEVERAL_DELTA and any(is_outside(k, value) for k, value in moved.items()):
+            yield float(rise), moved
 
 
 def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, Errors]):

@@ -120,6 +120,22 @@ def test_what_is_shared_is_one_parameter():
     assert error == pytest.approx(alone.standard_errors["rate"], rel=1e-6)
 
 
+def test_a_spread_of_none_is_the_fit_of_a_shared_parameter():
+    """χ̃ of four sets alike, whose σ hardly shows: ln L, every χ̃ and their mean are those of one that is shared."""
+    y = np.concatenate([np.linspace(0.2, 0.9, 5), np.geomspace(1.3, 40, 10)])
+    sets = [twin("chrome steel", y, 0.01, 100 + k, uncertainty=0.01) for k in range(4)]
+    sets = [replace(data, name=f"set {k}") for k, data in enumerate(sets)]
+    pooled, shared = (
+        cal.fit(sets, None, {"chi": Free(shared=how)}, profiles=False) for how in ("pooled", True)
+    )
+    assert pooled.values["chi_spread"] == 0
+    assert pooled.values["chi"] == pytest.approx(shared.values["chi"], rel=1e-6)
+    for data in sets:
+        assert pooled.values[f"chi[{data.name}]"] == pytest.approx(shared.values["chi"], rel=1e-6)
+    squares = [sum(m.rms**2 for m in result.materials) for result in (pooled, shared)]
+    assert squares[0] == pytest.approx(squares[1], rel=1e-6)
+
+
 def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
     """Beside another that it shares a parameter with: as if its bodies had it of themselves."""
     steel, _, nylon = cal.paper_materials(10)

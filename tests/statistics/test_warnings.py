@@ -1,5 +1,6 @@
 """Each warning is raised by data that must raise it, and not by their neighbours; thresholds from both sides."""
 
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +12,7 @@ from scipy import optimize, stats
 
 import calibration as cal
 import softjax as sj
-from tests.fit_data import TRUTH, eq_17_data, twin
+from tests.fit_data import TRUTH, eq_17_data, pair, twin
 from tests.shown.capture import as_recorded
 
 QUICK = {"route": sj.EnergyBalance(), "profiles": False, "starts": 4}
@@ -106,6 +107,34 @@ def imprecise(part=None, near=None):
     return cal.fit(replace(one, errors=None, uncertainty=0.002, velocity_uncertainty=u), **QUICK)
 
 
+def peaks(restitution, lowest=0.0):
+    """Peak forces of a sphere with a dashpot: damping lowers them at first, and raises them when it is strong."""
+    law = sj.HertzDashpot(pair("nylon"), restitution)
+    velocity = np.geomspace(0.1, 3, 20)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(20)
+    force = np.asarray(sj.restitution(law, velocity).peak_force) * (1 + noise)
+    u = 0.01 * force
+    data = cal.RestitutionData(
+        velocity, None, law.contact, peak_force=force, peak_force_uncertainty=u
+    )
+    return cal.fit(data, "hertz-dashpot", {"restitution": Free(bounds=(lowest, 1))})
+
+
+def test_two_minima_of_one_cost_are_listed_with_their_values():
+    """The restitution that is named has the peak forces of the estimate, as those of a dashpot have."""
+    result = peaks(0.45)
+    (warning,) = [w for w in result.warnings if w.code == "several-minima"]
+    assert "-2 ln L is the same" in warning.cause
+    other = float(re.search(r"restitution = ([\d.]+);", warning.cause)[1])
+    assert other < 0.3 < result.values["restitution"]
+    assert "intervals are of restitution = 0.4" in warning.cause
+    force = [
+        float(sj.restitution(sj.HertzDashpot(pair("nylon"), value), 1.0).peak_force)
+        for value in (other, result.values["restitution"])
+    ]
+    assert force[0] == pytest.approx(force[1], rel=1e-3)
+
+
 def beside_yield(y):
     """A yield strength that is free, and a point at y times the critical velocity of it."""
     data = twin(
@@ -144,6 +173,7 @@ CASES = {
     "all-below-yield": lambda: [cal.fit(eq_17_data("nylon", y=np.linspace(0.1, y, 20), **BELOW), **QUICK) for y in (0.9, 5.0)],
     "data": lambda: (scattered(0.1), scattered(0.0)),
     "several-minima": lambda: (ellipse(3.8), ellipse(4.2)),
+    "several-minima, as low": lambda: (peaks(0.45), peaks(0.45, 0.35)),
     "several-minima, within an interval": lambda: [ellipse(0.5, 0.27, profiles) for profiles in (False, True)],
     "unequal-scatter": lambda: (falling(straight(lambda v: v**1.5)), falling(straight(lambda v: 2.0))),
     "plausibility": lambda: (balls(12.7), balls(0.0127)),
