@@ -175,6 +175,17 @@ class Errors:
         return bool(np.any(self.points.to_velocity)) or bool(np.any(self._velocity_alone))
 
     @property
+    def units(self) -> Int[np.ndarray, " n"]:
+        """Numbers of the points, 0, 1, 2, ..., equal for those of one group or launch."""
+        if self.labels is not None:
+            return self.labels
+        numbers = np.arange(len(self))
+        if self.points.shares:
+            for members, _ in self._launches:
+                numbers[members] = members[:, :1]
+        return np.unique(numbers, return_inverse=True)[1]
+
+    @property
     def is_fixed(self) -> bool:
         """Whether V is diagonal and does not move with the law's parameters."""
         return not (self.shares or self.has_slope)

@@ -1,4 +1,4 @@
-"""Many fits of one problem side by side: to simulated data, and without each point or group."""
+"""Many fits of one problem side by side: to simulated data, and without some of its points."""
 
 import math
 from collections.abc import Callable
@@ -120,17 +120,18 @@ def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Ends:
     return both.some(np.argmin(cost, axis=0) * fits + np.arange(fits))
 
 
-EXACT = 1_000_000  # impacts up to which every point is left out by a refit
-EXACT_BY_TIME = 20_000  # the same where every impact is integrated over time
+FEW = 400  # points up to which each is left out by itself
+FOLDS = 20  # in which more are
+MOST = 1_000_000  # impacts of refits side by side
 SEEN = 1e-9  # singular values below that of the largest are none
 
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Each point predicted by the fit without it.
+    """Each point predicted by a fit without it.
 
-    Where data have groups all of a group is left out together. The density is that of the measured ε
-    at the measured velocity.
+    Points that share errors (a group, a bounce sequence) are left out together; of more than 400 points
+    a twentieth at a time, drawn at random. The density is that of the measured ε at the measured velocity.
 
     Attributes:
         predicted: ε, or another observable over its scale, (n,), in the order of the data
@@ -139,8 +140,8 @@ class LeaveOneOut:
         log_density: of each point under the prediction without it.
         pointwise: ln p of each point by the fit to all of them, given the others where points share
             errors: the terms of its likelihood.
+        unit: points of equal number share errors, 0, 1, 2, ...
         fold: points of equal number were left out together, 0, 1, 2, ...
-        exact: whether refits were made; else the fit was continued to first order.
         converged: whether every refit arrived.
     """
 
@@ -148,9 +149,15 @@ class LeaveOneOut:
     residual: Float[np.ndarray, " n"]
     log_density: Float[np.ndarray, " n"]
     pointwise: Float[np.ndarray, " n"]
+    unit: Int[np.ndarray, " n"]
     fold: Int[np.ndarray, " n"]
-    exact: bool
     converged: bool
+
+    @property
+    def in_folds(self) -> int | None:
+        """How many folds several units were left out in; None where each unit was by itself."""
+        folds = int(np.max(self.fold)) + 1
+        return folds if folds <= np.max(self.unit) else None
 
     @property
     def rms(self) -> float:
@@ -168,8 +175,8 @@ class LeaveOneOut:
         return self.error_of_sum(self.log_density)
 
     def error_of_sum(self, values: Float[np.ndarray, " n"]) -> float:
-        """Standard error of the sum of one number a point: √m times the scatter over m folds."""
-        sums = np.bincount(self.fold, values)
+        """Standard error of the sum of one number a point: √m times the scatter over m units."""
+        sums = np.bincount(self.unit, values)
         return float(np.sqrt(len(sums) * np.var(sums, ddof=1)))
 
 
@@ -180,49 +187,51 @@ def leave_one_out(fits: list[ComponentFit]) -> LeaveOneOut:
         ValueError: for data of one group alone, without which nothing is left.
     """
     parts = [(fit, _left_out(fit)) for fit in fits]
-    folds = np.cumsum([0, *(np.max(part.fold) + 1 for _, part in parts)])
-    rows = [
-        (g, replace(part, fold=part.fold + first), fit.final.problem.points.set == k)
-        for (fit, part), first in zip(parts, folds[:-1], strict=True)
-        for k, g in enumerate(fit.component.sets)
-    ]
+    first = dict.fromkeys(("unit", "fold"), 0)
+    rows = []
+    for fit, part in parts:
+        numbers = {name: getattr(part, name) + first[name] for name in first}
+        first = {name: int(np.max(number)) + 1 for name, number in numbers.items()}
+        for k, g in enumerate(fit.component.sets):
+            rows.append((g, replace(part, **numbers), fit.final.problem.points.set == k))
     ordered = sorted(rows, key=lambda row: row[0])
 
     def joined(name: str) -> np.ndarray:
         return np.concatenate([getattr(part, name)[order] for _, part, order in ordered])
 
-    names = ("predicted", "residual", "log_density", "pointwise", "fold")
+    names = ("predicted", "residual", "log_density", "pointwise", "unit", "fold")
     columns: dict[str, Any] = {name: joined(name) for name in names}
-    for name in ("exact", "converged"):
-        columns[name] = all(getattr(part, name) for _, part in parts)
-    return LeaveOneOut(**columns)
+    return LeaveOneOut(**columns, converged=all(part.converged for _, part in parts))
 
 
 def _left_out(fit: ComponentFit) -> LeaveOneOut:
     problem, first = fit.final.problem, fit.stages[0].problem
-    fold, shares = folds_of(first), any(errors.shares for errors in first.errors)
-    most = EXACT_BY_TIME if fit.final.report.route == "ode" else EXACT
-    apart = all(e.group is not None for e in first.errors if e.shares)
-    exact = apart and problem.count * (1 + np.max(fold)) <= most
-    if not apart:  # one train alone: point by point
-        fold = np.arange(problem.count)
-    way = (_without_groups if shares else _without_points) if exact else _continued
-    off, density, arrived = way(fit, fold)
+    unit, shares = units_of(first), any(errors.shares for errors in first.errors)
+    fold, units = unit, int(np.max(unit)) + 1
+    if problem.count > FEW and units > FOLDS:
+        fold = (np.random.default_rng(0).permutation(units) % FOLDS)[unit]
+    method = _without_groups if shares else _without_points
+    off, density, arrived = method(fit, fold, unit)
     density = density - np.log(problem.points.unit)
     predicted = off + problem.points.value
-    return LeaveOneOut(predicted, off, density, _pointwise(fit), fold, exact, arrived)
+    return LeaveOneOut(predicted, off, density, _pointwise(fit), unit, fold, arrived)
 
 
-def folds_of(problem: Problem) -> Int[np.ndarray, " n"]:
-    """Points left out together: each point alone, or a whole group if the data have groups."""
-    fold, first = np.empty(problem.count, int), 0
+def units_of(problem: Problem) -> Int[np.ndarray, " n"]:
+    """Points that share errors: a group, a bounce sequence, or a point alone.
+
+    Of one sequence alone the points: each is predicted by all others of it.
+    """
+    unit, first = np.empty(problem.count, int), 0
     for errors, rows in zip(problem.errors, problem.spans, strict=True):
-        numbers = np.arange(len(errors)) if errors.labels is None else errors.labels
-        fold[rows] = first + numbers
+        numbers = errors.units
+        unit[rows] = first + numbers
         first += int(np.max(numbers)) + 1
-    if first == 1:
+    if first > 1:
+        return unit
+    if any(errors.labels is not None for errors in problem.errors):
         raise problem.datasets[0].refusal("one group", "two or more, as each is left out in turn")
-    return fold
+    return np.arange(problem.count)
 
 
 def _pointwise(fit: ComponentFit) -> Float[np.ndarray, " n"]:
@@ -240,29 +249,32 @@ def _fixed(fit: ComponentFit) -> Bool[np.ndarray, " p"]:
     return fit.uncertainty.limits[fit.final.problem.active] != 0
 
 
-def _without_points(fit: ComponentFit, fold: np.ndarray):
+def _without_points(fit: ComponentFit, fold: np.ndarray, unit: np.ndarray):
     """Refits without points that share no errors; the noise is estimated from the remaining points.
 
     Returns:
         Predicted less measured, densities, and whether all refits arrived; as the others.
     """
     folds, problem = int(np.max(fold)) + 1, fit.final.problem
-    kept = (fold != np.arange(folds)[:, None]).astype(float)
-
-    def again(problem: Problem, z) -> Ends:
-        lanes = Lanes(copies=kept * problem.points.copies)
-        begun = np.broadcast_to(fit.begun, z.shape)
-        return search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
-
-    z, converged = _refitted(fit, again, folds)
     off, density = np.empty((2, problem.count))
-    most = max(1, AT_ONCE // problem.count)
+    arrived, most = True, max(1, MOST // problem.count)
     for some in np.split(np.arange(folds), np.arange(most, folds, most)):
-        of_all, scores = _scored(fit, z[some], kept[some])
-        is_left_out = np.isin(fold, some)
-        at = fold[is_left_out] - some[0], np.flatnonzero(is_left_out)
-        off[is_left_out], density[is_left_out] = of_all[at], scores[at]
-    return off, density, bool(np.all(converged))
+        kept = (fold != some[:, None]).astype(float)
+
+        def again(problem: Problem, z, kept=kept) -> Ends:
+            lanes = Lanes(copies=kept * problem.points.copies)
+            begun = np.broadcast_to(fit.begun, z.shape)
+            return search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
+
+        z, converged = _refitted(fit, again, len(some))
+        arrived = arrived and bool(np.all(converged))
+        few = max(1, AT_ONCE // problem.count)
+        for part in np.split(np.arange(len(some)), np.arange(few, len(some), few)):
+            of_all, scores = _scored(fit, z[part], kept[part])
+            is_left_out = np.isin(fold, some[part])
+            at = fold[is_left_out] - some[part[0]], np.flatnonzero(is_left_out)
+            off[is_left_out], density[is_left_out] = of_all[at], scores[at]
+    return off, density, arrived
 
 
 def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
@@ -307,8 +319,8 @@ def _slopes(fit: ComponentFit, linear: Linear) -> np.ndarray:
     return np.where(_fixed(fit), 0.0, rows / np.where(size > 0, size, 1.0))
 
 
-def _without_groups(fit: ComponentFit, fold: np.ndarray):
-    """Refits without each group of points that share errors, with the variances of the fit."""
+def _without_groups(fit: ComponentFit, fold: np.ndarray, unit: np.ndarray):
+    """Refits without each fold of points that share errors, with the variances of the fit."""
     problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
     off, density = np.empty((2, problem.count))
     arrived = True
@@ -325,13 +337,18 @@ def _without_groups(fit: ComponentFit, fold: np.ndarray):
         mine = problem.kept(rows)
         left = replace(first.kept(rows), active=problem.active, laws=mine.laws)
         off[rows] = mine.linearise(z, slopes=False).prediction[0] - mine.points.value
+        places = np.flatnonzero(rows)
         for errors, s, carried, part in zip(
             left.errors, left.variances, left.residuals_at(z), left.spans, strict=True
         ):
-            slopes, place = np.where(fixed, 0.0, carried.jacobian[0]), np.flatnonzero(rows)[part]
-            factor = errors.factor(s, carried.slope, carried.bend)
-            variance = errors.times(factor, np.eye(len(errors))[None])[0]
-            density[place] = _joint(off[place], variance + slopes @ inverse @ slopes.T)
+            slopes, of_unit = np.where(fixed, 0.0, carried.jacobian[0]), unit[places[part]]
+            for k in np.unique(of_unit):
+                own = np.flatnonzero(of_unit == k)
+                alone, place = errors.some(own), places[part][own]
+                at = [a[0, own] if np.ndim(a) else a for a in (carried.slope, carried.bend)]
+                variance = alone.times(alone.factor(s, *at), np.eye(len(own)))
+                spread = variance + slopes[own] @ inverse @ slopes[own].T
+                density[place] = _joint(off[place], spread)
     return off, density, arrived
 
 
@@ -340,52 +357,3 @@ def _joint(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     lower = np.linalg.cholesky(0.5 * (covariance + covariance.T))
     white = np.linalg.solve(lower, residual)
     return -0.5 * (white**2 + math.log(2 * math.pi)) - np.log(np.diag(lower))
-
-
-def _continued(fit: ComponentFit, fold: Int[np.ndarray, " n"]):
-    """First-order approximation of the refits.
-
-    With P = V⁻¹ - V⁻¹J (A₀ + JᵀV⁻¹J)⁻¹ JᵀV⁻¹ the residuals of a fold b by the fit to all others are
-    P_bb⁻¹ (P r)_b, of covariance P_bb⁻¹: exact for a linear model. Priors pull as points do. An unknown
-    noise is found from what is left of rᵀ P r.
-    """
-    problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
-    linear = problem.linearise(fit.z[None])
-    white = np.where(fixed, 0.0, linear.jacobian[0])
-    inverse = np.linalg.pinv(white.T @ white, hermitian=True)
-    measured = linear.prediction[0] - problem.points.value
-    off, density = np.empty((2, problem.count))
-    priors = slice(problem.count, len(white) - problem.more)
-    blocks, pull = [], white[priors].T @ linear.residual[0, priors]
-    for errors, s, carried, span in zip(
-        first.errors, first.variances, first.residuals_at(fit.z[None]), first.spans, strict=True
-    ):
-        raw = np.where(fixed, 0.0, linear.per[0, span])
-        factor = errors.factor(s, carried.slope, carried.bend)
-        solved = errors.solve(factor, np.c_[measured[span], raw][None])
-        blocks.append((errors, s, carried, span, solved[0]))
-        pull += raw.T @ solved[0, :, 0]
-    for g, (errors, s, carried, span, solved) in enumerate(blocks):
-        x, left = solved[:, 1:], solved[:, 0] - solved[:, 1:] @ (inverse @ pull)
-        if len(np.unique(fold[span])) == len(errors):
-            factor = errors.factor(s, carried.slope, carried.bend)
-            precision = errors.precisions(factor).reshape(-1) + np.zeros(len(errors))
-            precision = np.maximum(precision - np.einsum("np,pq,nq->n", x, inverse, x), 1e-300)
-            off[span] = left / precision
-            scale, degrees = np.ones(len(errors)), np.inf
-            if errors.is_normal and not errors.is_stated and not errors.shares:
-                degrees = max(float(fit.uncertainty.left[g]) - 1.0, 1.0)
-                total = float(measured[span] @ left)
-                scale = np.maximum(total - left**2 / precision, 1e-3 * total) / degrees
-            family = errors.noise
-            density[span] = family.log_predictive(off[span], scale / precision, degrees)
-            continue
-        for number in np.unique(fold[span]):
-            rows = np.flatnonzero(fold[span] == number)
-            alone, place = errors.some(rows), span.start + rows
-            at = [a[0, rows] if np.ndim(a) else a for a in (carried.slope, carried.bend)]
-            variance = alone.times(alone.factor(s, *at), np.eye(len(rows)))
-            covariance = np.linalg.inv(np.linalg.inv(variance) - x[rows] @ inverse @ x[rows].T)
-            off[place] = covariance @ left[rows]
-            density[place] = _joint(off[place], covariance)
-    return off, density, True

@@ -260,7 +260,7 @@ class FitResult:
         """Each point predicted by the fit without it; see `LeaveOneOut`."""
         self._require_likelihood()
         with jax.enable_x64(True):
-            return leave_one_out(self.searched())
+            return leave_one_out(self.searched("leave_one_out"))
 
     def bootstrap(self, count: int = 1000, seed: int = 0) -> Bootstrap:
         """Fits of data simulated with the fitted curve and noise; see `Bootstrap`.
@@ -272,7 +272,7 @@ class FitResult:
         check_whole("seed", seed, 0)
         self._require_likelihood()
         with jax.enable_x64(True):
-            return bootstrap(self.searched(), count, seed, self.confidence)
+            return bootstrap(self.searched("bootstrap"), count, seed, self.confidence)
 
     def posterior(
         self,
@@ -304,15 +304,23 @@ class FitResult:
         """
         from calibration.fitting.posterior.draws import sampled
 
+        self.searched("posterior")
         return sampled(self, draws, chains, seed, warmup, progress)
 
     def _require_likelihood(self) -> None:
         for material in self.materials:
             require_likelihood(material.objective)
 
-    def searched(self) -> list[ComponentFit]:
-        """The searches; a result that was loaded makes them again."""
-        return list(self.fits) if self.fits is not None else fitted(self.request)
+    def searched(self, purpose: str) -> list[ComponentFit]:
+        """The searches, for what makes more of them.
+
+        Raises:
+            ValueError: of a result that was loaded, which has none.
+        """
+        if self.fits is None:
+            accepted = f"fitted here for {purpose}: fit the data again by cal.fit"
+            raise DataError("result", "loaded from a file", accepted)
+        return list(self.fits)
 
     def to_dict(self, times: bool = True) -> dict[str, Any]:
         """Contents of `fit.json`; without `times` equal for equal fits."""

@@ -148,7 +148,7 @@ def _entry_dict(entry: Any) -> dict[str, Any]:
         "tie": delta and delta.is_tie,
         "weight": entry.weight,
         "rms_leave_one_out": left_out.rms,
-        "refitted": left_out.exact,
+        "folds": int(left_out.fold.max()) + 1,
         **{name: getattr(entry.result, name) for name in ("rms", "aic", "bic")},
         "fitted_parameters": entry.fitted,
         "converged": entry.converged,

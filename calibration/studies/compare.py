@@ -39,10 +39,7 @@ EXACT = (
     "{} follows the data exactly: they have no noise, and its score says nothing. The others show "
     "how near a law comes to it."
 )
-TO_FIRST_ORDER = (
-    "So many points were left out to first order, not by fitting again: exact for a law that is "
-    "linear in its parameters."
-)
+IN_FOLDS = "So many points were left out in {} parts, drawn at random and each by a fit to the others, not one by one."
 # of `MaterialFit.variances`, in words
 ERRORS = {
     "stated": "uncertainties as stated",
@@ -124,7 +121,9 @@ class Entry:
     @property
     def fitted(self) -> int:
         """Number of fitted parameters, unknown variances among them."""
-        errors = [e for fit in self.result.searched() for e in fit.final.problem.errors]
+        errors = [
+            e for fit in self.result.searched("a comparison") for e in fit.final.problem.errors
+        ]
         return len(self.result.covariance_names) + sum(len(e.unknown) for e in errors)
 
     @property
@@ -255,8 +254,8 @@ def compare(
     ranked = _ranked(entries)
     exact = " and ".join(entry.label for entry in ranked if entry.is_exact)
     notes = [*data.notes, *([EXACT.format(exact)] if exact else [])]
-    if not all(entry.leave_one_out.exact for entry in ranked):
-        notes.append(TO_FIRST_ORDER)
+    if (folds := ranked[0].leave_one_out.in_folds) is not None:
+        notes.append(IN_FOLDS.format(folds))
     notes += _noise_and_lead(data, [entry for entry in ranked if not entry.is_exact])
     return Comparison(data, ranked, tuple(left_out), tuple(notes))
 

@@ -373,11 +373,11 @@ def test_each_set_of_a_joint_fit_has_its_own_noise():
     np.testing.assert_allclose(left.log_density[:14], expected[:14], atol=1e-4)
     np.testing.assert_allclose(left.log_density[[20, 43]], expected[14:], atol=0.02)
     assert np.sum(left.log_density[:14]) < 1.0
-    assert left.exact
+    assert left.in_folds is None
 
 
-def test_many_points_are_left_out_to_first_order_by_the_same_density():
-    """Beyond 1000 points nothing is refitted: against the fit of all but one, and its noise."""
+def test_many_points_are_left_out_in_twenty_folds_by_the_same_density():
+    """Above 400 points: against the fit without the fold of a point, and its noise."""
     data = imprecise(count=1100, seed=7)
     of_v = errors_of_velocity(data)[0]
 
@@ -387,9 +387,10 @@ def test_many_points_are_left_out_to_first_order_by_the_same_density():
         return cal.fit(points, Decay, **QUICK)
 
     left = fitted(np.arange(1100)).leave_one_out()
-    assert not left.exact
-    for k in (0, 300, 1099):
-        kept = np.arange(1100) != k
+    assert left.in_folds == 20
+    assert np.bincount(left.fold).tolist() == [55] * 20
+    for k in (0, 1099):
+        kept = left.fold != left.fold[k]
         theta = (values := fitted(kept).values)["level"], values["rate"]
         # errors of velocities enter by more than the slope; a scatter by Paule and Mandel
         predicted = expected_at(data, *theta)
@@ -404,22 +405,41 @@ def test_many_points_are_left_out_to_first_order_by_the_same_density():
 
 @pytest.mark.parametrize("prior", [None, (0.89, 3e-4)])
 def test_many_points_of_a_linear_law_are_left_out_exactly(prior):
-    """ε = a x by sums over all points but each; with a factor of the errors Student's t of as many degrees."""
+    """ε = a x by sums over all points but those of a fold; with a factor of the errors Student's t of as many degrees."""
     data, u = imprecise(count=1100), np.linspace(0.5, 1.5, 1100) * NOISE
     x, e = np.exp(-0.09 * data.velocity), data.restitution
     points = cal.RestitutionData(data.velocity, e, uncertainty=u)
     parameters = {"rate": 0.09, "level": cal.Parameter(0.9, prior=prior)}
     fit = cal.fit(points, Decay, parameters, scale_uncertainty=prior is None, **QUICK)
-    left, others = fit.leave_one_out(), lambda terms: np.sum(terms) - terms
+    left = fit.leave_one_out()
+    others = lambda terms: np.sum(terms) - np.bincount(left.fold, terms)[left.fold]  # noqa: E731
     mean, weight = (0, 0) if prior is None else (prior[0], prior[1] ** -2)
     information = others((x / u) ** 2) + weight
     level = (others(x * e / u**2) + mean * weight) / information
-    squares = (others((e / u) ** 2) - level**2 * information) / 1098 if prior is None else 1
+    squares = (others((e / u) ** 2) - level**2 * information) / 1044 if prior is None else 1
     spread = np.sqrt(squares * (u**2 + x**2 / information))
     np.testing.assert_allclose(left.predicted, level * x, rtol=1e-9)
-    family = stats.t(1098) if prior is None else stats.norm
+    family = stats.t(1044) if prior is None else stats.norm
     expected = family.logpdf((e - level * x) / spread) - np.log(spread)
-    np.testing.assert_allclose(left.log_density, expected, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(left.log_density, expected, rtol=0, atol=1e-6)
+
+
+def test_days_stay_together_in_folds_and_count_as_one_each():
+    """105 days of 4 points: a day's points share a fold, are predicted together, and the error is over days."""
+    random, day = np.random.default_rng(2), np.arange(420) % 105
+    v = np.geomspace(0.5, 8.0, 420)
+    e = curve(v, 0.9, 0.09) + 0.01 * random.standard_normal(105)[day]
+    e = e + 0.004 * random.standard_normal(420)
+    data = cal.RestitutionData(v, e, group=[f"day {k}" for k in day])
+    left = cal.fit(data, Decay, **QUICK).leave_one_out()
+    assert left.in_folds == 20
+    assert all(len({*left.fold[day == k]}) == len({*left.unit[day == k]}) == 1 for k in range(105))
+    assert {*np.bincount(left.fold).tolist()} == {20, 24}
+    sums = np.bincount(day, left.log_density)
+    assert left.elpd_se == pytest.approx(np.std(sums, ddof=1) * 105**0.5)
+    # one density of a day: the offset that its four points share is no error of each
+    apart = stats.norm.logpdf(left.residual, 0, np.hypot(0.01, 0.004))
+    assert left.elpd > np.sum(apart) + 200
 
 
 def test_a_day_left_out_does_not_correct_its_velocities():

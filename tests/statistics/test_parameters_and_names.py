@@ -118,7 +118,14 @@ def test_a_group_may_have_the_name_of_one_of_its_data_sets_and_of_no_other(tmp_p
     assert len(set(result.covariance_names)) == len(result.covariance_names) == 5
     assert result.values["rate[a]"] == result.values["rate[b]"] != result.values["rate[c]"]
     result.save(tmp_path / "fit.json")
-    assert cal.FitResult.load(tmp_path / "fit.json", law=Decay) == result
+    loaded = cal.FitResult.load(tmp_path / "fit.json", law=Decay)
+    assert loaded == result
+    for name in ("leave_one_out", "bootstrap", "posterior"):
+        message = (
+            f"`result` must be fitted here for {name}: fit the data again by cal.fit, but is loaded"
+        )
+        with pytest.raises(ValueError, match=message):
+            getattr(loaded, name)()
 
 
 CLASHES = {
