@@ -28,6 +28,7 @@ from calibration.rounding import with_error
 
 COLLINEAR = 0.99  # correlation from which on two parameters count as one number
 SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
+STILL_FALLS = 1e-5  # of -2 ln L with a factor of e on a parameter: less is level
 AS_GOOD = 1e-3  # difference of -2 ln L that is none to a reader
 SEVERAL_DELTA = 4.0  # Δχ² below which another minimum is nearly as good
 VELOCITY_ERRORS = 0.15  # of a velocity, up to which intervals were seen to be right
@@ -78,7 +79,8 @@ def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dic
         if "[" in element.name:  # a number of a network is no parameter that anybody reads
             continue
         owner, estimate = _owner(fit, element.sets), by_element[k]
-        found += raised(owner, _of_element(element, estimate, float(fit.theta[k])))
+        slope = 0.0 if estimate.value is not None else _slope(fit, k)
+        found += raised(owner, _of_element(element, estimate, float(fit.theta[k]), slope))
         is_open = estimate.method == "undetermined" and estimate.value is not None
         if is_open and not estimate.at_bound and not _is_apart(separation, element.name, owner):
             open_names.setdefault(owner, []).append(element.name)
@@ -108,11 +110,26 @@ def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dic
     return found + separation
 
 
-def _of_element(element: Element, estimate: Estimate, value: float) -> Found:
+def _slope(fit: ComponentFit, k: int) -> float:
+    """By how much -2 ln L still falls if a parameter grows by a factor of e, the others at their best."""
+    problem = fit.final.problem
+    if k not in problem.active:
+        return 0.0
+    gradient = problem.linearise(fit.z[None]).gradient[0, problem.active.tolist().index(k)]
+    return float(abs(2 * gradient) / np.mean(weighted_deviation(fit, problem, LEAST_NOISE) ** 2))
+
+
+def _of_element(element: Element, estimate: Estimate, value: float, slope: float) -> Found:
     name = element.name
     if estimate.value is None:
         # the cost falls, ever less, however large the parameter gets
-        yield "at-bound", f"{name} grows without bound: any large value is as good"
+        as_good = "any large value is as good"
+        if slope > STILL_FALLS:
+            as_good = (
+                f"the search ends at {value:.1g}, where -2 ln L still falls by {slope:.1g} with a factor of "
+                "e; the other parameters are those of this value"
+            )
+        yield "at-bound", f"{name} grows without bound: {as_good}"
     elif estimate.at_bound:
         # no bound that somebody gave: ε_17 is 1 at most
         advice = AT_ONE if name == "eps_up" and estimate.value == 1 else ""
