@@ -161,8 +161,10 @@ class FitOptions(Strict):
     profiles: bool = Field(
         default=True, description="profile likelihoods; without them intervals from standard errors"
     )
-    extra_scatter: bool = Field(
-        default=False, description="estimate scatter in addition to the stated uncertainties"
+    extra_scatter: bool | None = Field(
+        default=None,
+        description="estimate scatter in addition to the stated uncertainties; left out it is estimated for "
+        "tracks of three points more than free parameters",
     )
     scale_uncertainty: bool = Field(
         default=False, description="stated uncertainties are right up to a factor: scale by √(χ²/ν)"
@@ -207,6 +209,8 @@ def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_field
         if field.annotation is bool:
             keywords: dict[str, Any] = {"action": "store_const", "const": not field.default}
             help = f"no {help}" if field.default else help
+        elif field.annotation == bool | None:
+            keywords = {"action": argparse.BooleanOptionalAction}
         else:
             words = _words(name)
             keywords = {"type": partial(_parsed, name), "metavar": "X"}

@@ -144,6 +144,10 @@ class Air:
         square = self._terminal(speed) ** 2
         return square / (2 * self._pull) * np.log1p(speed**2 / square)
 
+    def flight(self, fastest: float) -> tuple[float, float]:
+        """g' [m/s²] and k = g'/v_t² [1/m] of a flight by its largest speed: z'' = -g' - k z'|z'|."""
+        return float(self._pull), float(self._pull / self._terminal(np.asarray(fastest)) ** 2)
+
     def reynolds(self, speed: Column) -> Column:
         """Re at a speed."""
         return self.density * speed * self.ball.diameter / VISCOSITY

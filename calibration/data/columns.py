@@ -86,7 +86,8 @@ TRACK_COLUMNS = (
         "height",
         "m",
         "height of the ball",
-        "h peak_height max_height maximum_height maximal_height apex_height peak apex",
+        "h peak_height max_height maximum_height maximal_height apex_height peak apex "
+        "altitude elevation absolute_height höhe hoehe hauteur altura altezza",
     ),
     Quantity(
         "position",

@@ -90,6 +90,8 @@ class Kind:
     is_flight: ClassVar = False  # velocities are those of free flights, in air
     has_velocity: ClassVar = False  # v is itself a reading
     has_signs: ClassVar = False  # readings before and after are of opposite directions
+    is_precise: ClassVar = False  # bodies differ by more than the readings do: scatter is estimated
+    is_timed: ClassVar = False  # readings have the contact in them
     limits: ClassVar[Limits]  # of a reading before and one after
     fallen: ClassVar = ""  # what velocities of flights follow from
     power: ClassVar = 1.0  # of the first reading that the speed goes with, in vacuum
@@ -267,6 +269,7 @@ class Peaks(OfHeights, OfBounces):
 class OfTimes(OfBounces):
     """Times of flights."""
 
+    is_timed = True
     arrival, departure = "landing", "take_off"
     fallen = "times of flight"
 
@@ -339,6 +342,14 @@ def are_frames(times: Column) -> bool:
     return bool(even and np.max(np.abs(off)) <= max(0.55 * digit, EVEN * np.median(steps)))
 
 
+class Tracks(Kind):
+    """Heights of a ball in the frames of a film, of which `calibration.data.tracks` makes impacts."""
+
+    is_flight = True
+    is_precise = True
+    fallen = "flights of a track"
+
+
 def launches(name: str, *rows: Column) -> dict[str, Any]:
     """A table with a launch of its own for each point, whose readings are `rows`."""
     launch = np.repeat([str(k) for k in range(len(rows[0]))], len(rows))
@@ -361,6 +372,7 @@ TIMES = Times(
     "times", ("time",), "from the intervals between them", _uncertainties("time", "timing")
 )
 PEAKS = Peaks("peak heights", ("height",), "√(hₙ₊₁/hₙ), √(2ghₙ)", _uncertainties("height"))
+TRACKS = Tracks("tracks", ("time", "height"), "where the flights of a track cross")
 # of points that were averaged; no columns
 REPEATS = Kind("repeats", (), "means of repeats")
 # sets of columns: where several are complete the first of these is used
@@ -376,7 +388,8 @@ WITHOUT_RESTITUTION = (
     ),
 )
 KINDS = {
-    kind.name: kind for kind in (STATED, VELOCITIES, HEIGHTS, INTERVALS, TIMES, PEAKS, REPEATS)
+    kind.name: kind
+    for kind in (STATED, VELOCITIES, HEIGHTS, INTERVALS, TIMES, PEAKS, TRACKS, REPEATS)
 }
 
 

@@ -1,6 +1,7 @@
 """Columns of a table together: which set they make, which of them are used, and in which units."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -156,13 +157,33 @@ def is_track(read: Sequence[Header]) -> bool:
     return has_time and bool(names & {*TRACKED}) and not names & ({*MEASURED, *OBSERVED} - {"time"})
 
 
-def _kind_of(names: Iterable[str], read: Sequence[Header]) -> Kind:
+def has_impacts(headers: Sequence[str]) -> bool:
+    """Whether columns make a set of impacts, other than bare times; no heading is refused."""
+    read = []
+    for text in headers:
+        with suppress(DataError):
+            read.append(read_header(text))
+    read = _resolved(read)
+    return (
+        _impacts_of({header.name for header in read if header.name is not None}, read) is not None
+    )
+
+
+def _impacts_of(names: Iterable[str], read: Sequence[Header]) -> Kind | None:
+    """The first set that is complete, but bare times."""
     for kind in (*SETS, *(WITHOUT_RESTITUTION if {*OBSERVED} & {*names} else ())):
         if {*kind.needs} <= {*names}:
             return kind
     measured = {*names} & {*MEASURED, *OBSERVED}
     if PEAKS.needs[0] in names and not measured - {"time"} and any(map(_numbers_bounces, read)):
         return PEAKS
+    return None
+
+
+def _kind_of(names: Iterable[str], read: Sequence[Header]) -> Kind:
+    if (kind := _impacts_of(names, read)) is not None:
+        return kind
+    measured = {*names} & {*MEASURED, *OBSERVED}
     if is_track(read):
         raise DataError(
             "table",

@@ -49,7 +49,8 @@ PROPERTIES = ("youngs_modulus", "poisson_ratio", "density", "yield_strength")
 NAMED = {"stainless steel": sj.STAINLESS_STEEL, "chrome steel": sj.CHROME_STEEL, "nylon": sj.NYLON}
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
-OF_DATA = ("gravity", "dent", "limit_velocity", "sheet", "repeats")
+OF_TRACKS = ("frame_rate", "scale", "down", "exposure", "object", "bounce_contact_time")
+OF_DATA = ("gravity", "dent", "limit_velocity", "sheet", "repeats", *OF_TRACKS)
 PLAUSIBLE = dict.fromkeys((*RADII, *DIAMETERS), RANGES["radius"]) | RANGES
 NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"
 
@@ -134,6 +135,15 @@ class _Material(BodyTable):
     air: AirOption = None
     mass: Annotated[float | None, measure("kg")] = None
     dent: Literal["largest", "residual"] = "largest"
+    frame_rate: Annotated[
+        float | None,
+        Field(gt=0, json_schema_extra={"accepted": "a positive number of frames a second"}),
+    ] = None
+    scale: Length = None
+    down: bool | None = None
+    exposure: Annotated[float | None, measure("s", "a time of 0 or more", True)] = None
+    object: Text | None = None
+    bounce_contact_time: Annotated[float | None, measure("s", "a time of 0 or more", True)] = None
     average_repeats: Literal[True, False, "pooled"] = False
     plausibility: bool = True
     parameters: Parameters = Field(default_factory=dict)

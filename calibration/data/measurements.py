@@ -25,10 +25,19 @@ from calibration.data.checks import (
     require_size,
 )
 from calibration.data.columns import OBSERVED
+from calibration.data.contact_time import stated_contact
 from calibration.data.layout import NO_UNIT
 from calibration.data.point_errors import PointErrors
-from calibration.data.points import Pair, observed_of, points_of, read_rows, rows_blamed
+from calibration.data.points import (
+    Pair,
+    headers_of,
+    observed_of,
+    points_of,
+    read_rows,
+    rows_blamed,
+)
 from calibration.data.repeats import average
+from calibration.data.track_table import TrackOptions, read_tracks, tracks_in
 from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.observables import Observed, scale_of
 
@@ -36,7 +45,9 @@ DENTS = {"largest": "dent_diameter", "residual": "residual_dent_diameter"}
 LARGEST = 1.5  # restitution: further above 1 no noise brings it
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
-NOT_COMPARED = {"bodies", "fall", "origin", "errors", "observed", "measured"}
+# stated of all rows, not in the table
+OF_ROWS = {"gravity", "air", "bounce_contact_time", *TrackOptions._fields}
+NOT_COMPARED = {"bodies", "fall", "origin", "errors", "observed", "measured", "tracks"}
 BESIDE = tuple(name for observed in OBSERVED for name in (observed, f"{observed}_uncertainty"))
 
 
@@ -48,7 +59,7 @@ class RestitutionData:
 
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are stored as
     read-only float64 arrays. Two sets are equal when all that is below is but `bodies`,
-    `fall` and `origin`.
+    `fall`, `tracks` and `origin`.
 
     Attributes:
         velocity: v [m/s], shape (n,), relative impact speed, positive and below the limit velocity.
@@ -79,6 +90,7 @@ class RestitutionData:
         dent: "largest": dents are as wide as the contact was at most, 2√(A δ_max), as indentations
             hardly recover in diameter; "residual": 2√(2R δ*), of the overlap that stays.
         fall: how drop heights became velocities; not compared.
+        tracks: the tracks z(t) that the points are from (`calibration.data.tracks.BounceTrack`); not compared.
         origin: file and lines the points came from, for messages.
 
     Raises:
@@ -102,6 +114,7 @@ class RestitutionData:
     measured: Mapping[str, Column] = field(default_factory=dict)
     dent: str = "largest"
     fall: Fall | None = None
+    tracks: tuple[Any, ...] = ()
     origin: Origin | None = None
 
     def __post_init__(self):
@@ -134,6 +147,12 @@ class RestitutionData:
         one_size: bool = False,
         remarks: Sequence[str] = (),
         bodies: Sequence[Body] | Callable[[Column], Sequence[Body]] = (),
+        frame_rate: float | None = None,
+        scale: float | str | None = None,
+        down: bool | None = None,
+        exposure: float | str | None = None,
+        object: str | None = None,
+        bounce_contact_time: float | str | None = None,
         origin: Origin | None = None,
         **uncertainties: Any,
     ) -> "RestitutionData":
@@ -155,6 +174,9 @@ class RestitutionData:
                 the mass; where left out, those of the first of `bodies`, else of a sphere that
                 meets a wall with the radius and mass of `contact`.
             group: a label for each row, in place of a column.
+            frame_rate, scale, down, exposure, object: of a track, see `calibration.data.track_table.TrackOptions`.
+            bounce_contact_time: how long a bounce lasts [s], or text ("4 ms"), taken off the intervals between
+                bounces, or out of a track; where left out Hertz's duration of the bodies, if these are known.
             origin: file and line of each row of the table.
             uncertainties: `uncertainty`, `velocity_uncertainty`, `interval_uncertainty` and so on,
                 for all rows, in place of a column: a number in SI, or text with its unit, "0.5 mm"
@@ -171,13 +193,26 @@ class RestitutionData:
         ball = _ball(diameter, mass, density, bodies, contact)
         try:
             pair = Pair(ball, contact, bodies, one_size)
-            rows = read_rows(table, pair, stated, gravity, group, air, origin)
-            remarks = (*remarks, *rows.remarks)
-            points = points_of(rows)
+            of_track = TrackOptions(frame_rate, scale, down, exposure, object)
+            lasts = stated_contact(bounce_contact_time)
+            headers = list(map(str, headers_of(table)))
+            if tracks_in(headers, getattr(table, "titles", ())):
+                if stated or group is not None:
+                    accepted = "left out with a track, whose frames show its noise"
+                    raise DataError(next(iter(stated), "group"), "given", accepted)
+                rows, points = read_tracks(
+                    table, headers, pair, gravity, air, of_track, lasts, origin
+                )
+                remarks = (*remarks, *rows.remarks)
+            else:
+                of_track.check_unused()
+                rows = read_rows(table, pair, stated, gravity, group, air, origin, lasts)
+                remarks = (*remarks, *rows.remarks)
+                points = points_of(rows)
             measured = observed_of(rows, points)
         except DataError as error:
-            if error.argument in {*stated, "gravity", "air"} and error.index is None:
-                raise  # stated of all rows, not in the table
+            if error.argument in {*stated, *OF_ROWS} and error.index is None:
+                raise
             raise _located(error, remarks, origin) from None
         of_points = rows.take(points.rows)
         with rows_blamed(points.rows):
@@ -190,10 +225,12 @@ class RestitutionData:
                 measured=measured,
                 limit_velocity=limit_velocity,
                 remarks=tuple(dict.fromkeys((*remarks, *points.remarks))),
-                group=of_points.columns.get("group"),
+                group=of_points.columns.get("group", points.group),
                 errors=points.errors,
+                degrees=points.degrees,
                 bodies=of_points.bodies,
                 fall=rows.fall,
+                tracks=points.tracks,
                 origin=None if origin is None else origin.select(points.rows),
             )
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from calibration.data.checks import Column, require, require_size
 from calibration.data.kinds import TOUCHED, Kind, Slopes, kind_named
 
-Index = Int[np.ndarray, "n 3"]
+Index = Int[np.ndarray, "n k"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +20,13 @@ class PointErrors:
         δv_i = Σ_k to_velocity[i, k] e[index[i, k]] + error of v_i alone
 
     Two velocities, or two heights, of a point are input errors that enter both its ε and its
-    v. Each interval of a bounce sequence enters two points, each time of a bounce three.
+    v. Each interval of a bounce sequence enters two points, each time of a bounce three, and each error of
+    a track all of its impacts.
 
     Attributes:
-        index: (n, 3), which input error, from 0; -1: none.
-        to_restitution: (n, 3), ∂ε_i/∂e [1/unit of e], 0 where there is none.
-        to_velocity: (n, 3), ∂v_i/∂e [m/s/unit of e].
+        index: (n, k), which input error, from 0; -1: none.
+        to_restitution: (n, k), ∂ε_i/∂e [1/unit of e], 0 where there is none.
+        to_velocity: (n, k), ∂v_i/∂e [m/s/unit of e].
         size: (m,), standard deviation of each input error, in its own SI unit; None where
             it is unknown, one and the same for all, and to be estimated.
         kind: what the input errors are of, by its name in `calibration.data.kinds.KINDS`; "" where

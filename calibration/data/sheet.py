@@ -29,6 +29,7 @@ from calibration.data.layout import layout_of
 from calibration.data.measurements import RestitutionData
 from calibration.data.reshaped import Row, reshaped
 from calibration.data.text_file import MIB, decoded, read_bytes
+from calibration.data.track_table import tracks_in
 from calibration.data.unused import as_cells
 from calibration.data.words import is_statistic
 from calibration.errors import DataError, InputError, Origin, listed, printable
@@ -144,6 +145,7 @@ class Sheet(Mapping[str, Any]):
     Attributes:
         origin: the lines of its rows.
         remarks: how it was read.
+        titles: what stands above the header, of tracks the objects.
     """
 
     def __init__(
@@ -166,6 +168,10 @@ class Sheet(Mapping[str, Any]):
         if not filled:
             raise InputError(path, 1, "nothing in the file", "a header of columns is needed")
         line, header = filled.pop(0)
+        self.titles: tuple[str, ...] = ()
+        if filled and not tracks_in(header) and tracks_in(filled[0][1]):
+            self.titles = tuple(header)
+            line, header = filled.pop(0)
         while not header[-1]:  # as spreadsheets end
             header = header[:-1]
         if all(map(_is_number, header)):
@@ -176,6 +182,8 @@ class Sheet(Mapping[str, Any]):
         self.rows = [(k, self._full(k, cells, header, line)) for k, cells in filled]
         header = self._without_headers(header)
         numbers = [k for k, text in enumerate(header) if _name(text) not in (None, *LABELS)]
+        tracks = tracks_in(header, self.titles)
+        numbers += [k for track in tracks for k in track.places if k not in numbers]
         self.headers = self._with_units(header, numbers) if self.rows else header
         self._without_statistics()
         if not self.rows:
@@ -183,10 +191,11 @@ class Sheet(Mapping[str, Any]):
             raise InputError(path, line, "no rows of data", accepted)
         self.origin = Origin(str(path), line, tuple(line for line, _ in self.rows))
         try:
-            self.headers, self.rows, remarks = reshaped(self.headers, self.rows, repeats)
+            if not tracks:
+                self.headers, self.rows, remarks = reshaped(self.headers, self.rows, repeats)
+                self.remarks += remarks
         except DataError as error:
             raise self.origin.error(error) from None
-        self.remarks += remarks
         self.origin = Origin(str(path), line, tuple(line for line, _ in self.rows))
         self.mark = self._decimal_mark()
 
@@ -204,7 +213,11 @@ class Sheet(Mapping[str, Any]):
 
     def numbers_of(self, header: str, name: str) -> np.ndarray:
         """Cells as numbers, NaN where one is empty; raises DataError with the row of what is neither."""
-        cells = self.text_of(header)
+        return self.numbers_at(self.headers.index(header), name)
+
+    def numbers_at(self, at: int, name: str) -> np.ndarray:
+        """The same of a column by its place, as the headings of tracks may be there twice."""
+        cells = [cells[at] for _, cells in self.rows]
         values = np.array(list(map(self._number, cells)))
         for k in np.flatnonzero(~np.isfinite(values)):
             if cells[k]:
@@ -243,6 +256,9 @@ class Sheet(Mapping[str, Any]):
         else:
             commented = self._commented_header(written, lines, first)
             header = header if commented is None else commented[1]
+            if commented is None and not re.search(r"[\t;,]", header):  # a title, it may be
+                after = (line for line in lines[first + 1 :] if line.strip())
+                header = next((line for line in after if re.search(r"[\t;]", line)), header)
             self.delimiter = next((mark for mark in "\t;," if mark in header), ",")
             data = lines[first + (commented is None) :]
             width = next((len(line.split()) for line in data if line.strip()), 0)
@@ -495,6 +511,7 @@ def _is_known(rows: Sequence[Row]) -> bool:
     ]
     with suppress(DataError):
         headers, _, _ = reshaped(header[1], below[:50], None)
-        layout_of([text for text in headers if text])
+        if not tracks_in([text for text in headers if text]):
+            layout_of([text for text in headers if text])
         return bool(below)
     return False

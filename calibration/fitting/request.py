@@ -47,6 +47,7 @@ REACH = 5.0  # standard deviations of a prior within which a search is expected 
 WIDE = (-np.inf, np.inf)
 LEAST_RANGE, STEEPEST = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
 LIMIT = OF_CONTACT + "limit_velocity"
+FREE_FOR_SCATTER = 3  # degrees of freedom from which on a scatter is estimated by itself
 EMPIRICAL = ("sigma", "psi", LIMIT)  # searched by Eq. (17)'s stage
 Specs = Mapping[str, Any] | Sequence[Any] | None
 
@@ -191,8 +192,17 @@ def _spec(data: RestitutionData, entries: dict[str, Any], options: FitOptions) -
     if model.key == "zhou" and objective == "model":
         stated, model = _identified(data, stated, model, words)
     local, trees = _elements(data, model, start, stated)
+    options = _with_scatter(data, sum(element.parameter.free for element in local), options)
     errors = tuple(Errors.of(data, options, observed) for observed, *_ in blocks_of(data))
     return SetSpec(data, objective, replace(model, trees=trees), local, errors)
+
+
+def _with_scatter(data: RestitutionData, free: int, options: FitOptions) -> FitOptions:
+    """The options with `extra_scatter` decided: by itself where readings are surer than balls are alike."""
+    if options.extra_scatter is not None or not data.errors.measured_by.is_precise:
+        return options
+    enough = len(data) - free >= FREE_FOR_SCATTER and not options.scale_uncertainty
+    return options.model_copy(update={"extra_scatter": enough})
 
 
 def law_model(data: RestitutionData | None, law, options, named) -> LawModel:

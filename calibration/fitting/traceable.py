@@ -260,7 +260,7 @@ def problem(
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
-    extra_scatter: bool = False,
+    extra_scatter: bool | None = None,
     scale_uncertainty: bool = False,
     noise: str = "normal",
     noise_dof: float = 4.0,

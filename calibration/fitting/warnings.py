@@ -65,6 +65,7 @@ ADVICE = {
         "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
     ),
     "data": "Check the data.",
+    "track": "Export the track as it was measured, without smoothing, and mind the lens at the edges of the picture.",
     # of draws
     "r-hat": f"{MORE} Where it stays, there are several modes: give bounds or a prior that decide.",
     "effective-size": f"{MORE} Limits of intervals are rough until then.",

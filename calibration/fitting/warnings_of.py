@@ -310,6 +310,7 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
     yields = np.asarray(yields, float)
     ever_yields = bool(np.any((yields > 0) & (yields < np.inf)))
     found = raised(name, (("data", note) for note in data.notes if "above 1" in note))
+    found += raised(name, (("track", track.smoothed or None) for track in data.tracks))
     for implausible in plausibility(data):  # about yield only if the law yields
         if ever_yields or implausible.code != "yield-beyond-limit":
             code = "groups" if implausible.code == "groups" else "plausibility"
@@ -391,7 +392,7 @@ def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
     if "scale" in errors.unknown:
         of_stated = float(np.mean(errors.points.uncertainty**2))
         ratio = (goodness.reduced_chi_squared or variances.get("scale", 0.0) / of_stated) ** 0.5
-    elif stated <= 0:
+    elif stated <= 0 or errors.points.measured_by.is_precise:
         return None
     elif variances.get("scatter"):
         ratio = (1 + variances["scatter"] / stated) ** 0.5

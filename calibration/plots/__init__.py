@@ -14,6 +14,7 @@ from calibration.plots.parameters import (
     unloading_line_figure,
 )
 from calibration.plots.style import save
+from calibration.plots.tracks import track_figure
 
 __all__ = [
     "Line",
@@ -26,5 +27,6 @@ __all__ = [
     "profiles_figure",
     "restitution_figure",
     "save",
+    "track_figure",
     "unloading_line_figure",
 ]

@@ -49,6 +49,10 @@ CONFIDENCE = (
     "is estimated, dof is the number of degrees of freedom of Student's t:"
 )
 VALUES = f"{VALUES_ALONE[0].upper()}{VALUES_ALONE[1:]}."
+NO_SCATTER = (
+    "no scatter is estimated in addition to the errors of the tracks (it is from three points more than free parameters on, "
+    "without scale_uncertainty): errors are too small if impacts scatter more than frames show"
+)
 QUALITY = {  # columns of the goodness of fit
     "dof": "degrees of freedom of the residuals",
     "scatter": "estimated standard deviation of one ε, of Student's t its scale (under `two-step` about Eq. (17))",
@@ -64,6 +68,7 @@ PICTURES = {
     "profiles.png": "Profile likelihoods: the rise of χ² when one parameter is fixed elsewhere",
     "correlation.png": "Correlations of the fitted parameters",
     "posterior.png": "Draws from the posterior, and the fit with its intervals",
+    "track.png": "Tracks: frames, fitted flights, and impacts with their ε",
 }
 FILES = ("fit.json", "report.html", *PICTURES, "posterior.nc")
 PAPER_TITLE = (
@@ -96,6 +101,7 @@ def write_report(
         lambda: plots.profiles_figure(result),
         lambda: plots.correlation_figure(result),
         lambda: None if draws is None else plots.posterior_figure(draws, result),
+        lambda: plots.track_figure(*_tracks(result)),
     ]
     with files_into(folder, FILES) as staged:
         result.save(staged / "fit.json")
@@ -150,6 +156,24 @@ def result_html(result: Any) -> str:
     return page([*of["result"], *of["verdict"], *tables, *of["warnings"][1:]])
 
 
+def _tracks(result: Any) -> tuple[list[Any], list[str]]:
+    """The tracks that points are from, and their names."""
+    every = [(fit.name, track) for fit in result.materials for track in fit.data.tracks]
+    alone = len(result.materials) == len(every)
+    return [track for _, track in every], [n if alone else f"{n}, {t.name}" for n, t in every]
+
+
+def _unscattered(result: Any) -> list[tuple[str, str]]:
+    """Sets of precise readings without an estimated scatter."""
+    return [
+        (NO_SCATTER, fit.name)
+        for fit in result.materials
+        if fit.data.errors.measured_by.is_precise
+        and "scatter" not in fit.variances
+        and result.request.options.extra_scatter is None
+    ]
+
+
 def sections(
     result: Any,
     pictures: Mapping[str, str] | None = None,
@@ -160,6 +184,7 @@ def sections(
     """The parts of a report by name, in their order; `pictures` are {caption: file next to the report}."""
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
     notes = [(note, fit.name) for fit in result.materials for note in fit.data.notes]
+    notes += _unscattered(result)
     implausible = [w for w in result.warnings if w.code == "plausibility"]
     methods = [f"{name}: {text}" for name, text in interval_methods(result).items()]
     quality, bodies = quality_table(result), bodies_table(result)

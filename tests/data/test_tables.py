@@ -82,7 +82,7 @@ REFUSED = {
     "Drop,dt (s)\n1,0.84\n2,0.75\n3,0.66\n": "launch is of 1 row",
     "time (s)\n0\n30\n60\n90\n": "equally spaced|track",
     "time (s)\n0.033\n0.067\n0.100\n0.133\n": "equally spaced|track",
-    "t (s),z (m)\n0,1\n0.1,0.95\n0.2,0.8\n": "a track",
+    "t (s),z (m)\n0,1\n0.1,0.95\n0.2,0.8\n": "track is of 3 frames|two flights",
     "time (s),velocity (m/s)\n0,1\n0.1,2\n": "time, velocity|stamp",
     "e,v (m/s),SD\n0.9,1,0.1\n0.8,2,0.1\n": "'SD', of 'v (m/s)' or of ε|`u_v`",
     "v (m/s),e,mass of mug (g),±\n1,0.9,3,1\n2,0.8,4,1\n": "'±', behind 'mass of mug (g)'|`u_e`",
