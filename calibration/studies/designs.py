@@ -238,7 +238,9 @@ class Search:
             ends = f"from {self.grid[0]:.4g} to {self.grid[-1]:.4g} m/s"
             accepted = f"of what shots {ends} determine"
             if reached <= NO_BOUND:
-                best = f"{100 * reached:.2g} % or more, the best that"
+                least = 100 * reached
+                step = 10 ** (math.floor(math.log10(least)) - 1)
+                best = f"{step * math.ceil(least / step):.2g} % or more, the best that"
                 accepted = f"{best} {len(places)} shots {ends} bring"
             raise DataError("precision", f"{100 * precision:.4g} %", accepted)
         too_few, enough = 0, len(places)

@@ -192,10 +192,9 @@ def check_velocity(velocity: Any) -> np.ndarray:
 
 
 def both_ends(argument: str, value: Any) -> tuple[float, float]:
-    """Two numbers, the lower one first; of a text LOW:HIGH."""
+    """Two numbers, the lower one first."""
     with suppress(TypeError, ValueError):
-        low, high = map(float, value.split(":") if isinstance(value, str) else value)
+        low, high = map(float, value)
         if low <= high:
             return low, high
-    form = "LOW:HIGH" if isinstance(value, str) else "two numbers, (low, high)"
-    raise DataError(argument, value, f"{form}, the lower one first")
+    raise DataError(argument, value, "two numbers, (low, high), the lower one first")
