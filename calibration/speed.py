@@ -1,7 +1,7 @@
 """Speed against error: the routes of this library and their baselines.
 
 Every method computes ε_p of the same collisions: each route of the law, `scipy.integrate.solve_ivp` in a
-Python loop, and `diffrax.diffeqsolve` ended by events. Exact values come from 40-digit arithmetic,
+Python loop. Exact values come from 40-digit arithmetic,
 rounded to 20 digits by tests/oracles/write.py, so that no method is compared with itself.
 """
 
@@ -99,7 +99,8 @@ def methods(scene: Scene, quick: bool) -> Iterator[Callable[[], Method]]:
     """
     for rtol in (1e-6,) if quick else (1e-4, 1e-6, 1e-8):
         yield partial(scipy_loop, scene, rtol)
-        yield partial(by_events, scene, rtol, gradient=rtol == 1e-6 and not quick)
+        with_gradient = rtol == 1e-6 and not quick
+        yield partial(by_route, scene, sj.TimeODE(rtol=rtol), BATCH, gradient=with_gradient)
     steps = (sj.ODE(solver=solver, steps=n) for solver, n in (("dopri5", 1), ("dopri8", 2)))
     more = () if quick else (sj.ODE(rtol=1e-8), *steps, sj.ODE(rtol=1e-12))
     for route in (sj.ODE(solver="dopri5", steps=2), sj.EnergyBalance(), *more):
@@ -115,6 +116,8 @@ def by_route(
 ) -> Method:
     """A route as a user calls it without `jit`: all fields of the result, not only ε_p."""
     law, family, setting = scene.law_of(*scene.theta), route.name, EXACT[not overlaps]
+    if isinstance(route, sj.TimeODE):
+        family, setting = DIFFRAX, f"tsit5, rtol {route.tolerance:.0e}"
     if isinstance(route, sj.ODE):
         steps = f"{route.steps} step{'s' * (route.steps > 1)}" if route.steps else ""
         family = "ODE"
@@ -130,28 +133,28 @@ def by_route(
     return Method(family, setting, batch, value, slopes)
 
 
-def _phases(d, steepness, larger: Callable) -> Any:
+def _phases(d: float, steepness: float) -> Any:
     """Loading, which ends with its velocity, and unloading, which ends with its force; in reduced units.
 
     Of either the derivative of the state y (overlap, velocity), and what falls through 0 at its end, both
-    as functions of time, state and the largest overlap, `args`; `larger` is of two numbers.
+    as functions of time, state and the largest overlap.
     """
 
     def loading(x, peak):  # Eq. (8) in units of first yield
-        q = larger(x, 1.0)
-        return 1.25 * (x * larger(x, LEAST) ** 0.5 + d * (q * q - 1) * (1 - q**0.5))
+        q = max(x, 1.0)
+        return 1.25 * (x * max(x, LEAST) ** 0.5 + d * (q * q - 1) * (1 - q**0.5))
 
     def unloading(x, peak):  # Eq. (12)
         hertz = (1 - d * peak) * x + d
         line = 1 - steepness * (1 - x / peak)
-        return 1.25 * (hertz * larger(x, LEAST) ** 0.5 + d * (peak * peak - 1) * line)
+        return 1.25 * (hertz * max(x, LEAST) ** 0.5 + d * (peak * peak - 1) * line)
 
     def phase(force, end):
-        def field(t, y, args):
-            return y[1], -force(y[0], args)
+        def field(t, y, peak):
+            return y[1], -force(y[0], peak)
 
-        def ended(t, y, args, **_):
-            return end(y[1], force(y[0], args))
+        def ended(t, y, peak):
+            return end(y[1], force(y[0], peak))
 
         ended.terminal, ended.direction = True, -1  # type: ignore[attr-defined]  # for SciPy
         return field, ended
@@ -173,44 +176,10 @@ def scipy_loop(scene: Scene, rtol: float) -> Method:
 
     def value(velocity):
         y, d, steepness = map(np.asarray, scene.reduced(scene.theta, velocity))
-        phases = _phases(float(d), float(steepness), max)
+        phases = _phases(float(d), float(steepness))
         return np.array([rebound(each, phases) for each in y.tolist()])
 
     return Method(SCIPY, f"DOP853, rtol {rtol:.0e}", FEW, value)
-
-
-def by_events(scene: Scene, rtol: float, gradient: bool = False) -> Method:
-    """The plain method with diffrax: integrate over time, end each phase by an `Event` and a root find."""
-    import diffrax as dfx
-    import optimistix as optx
-
-    def rebound(y, phases):
-        state = (jnp.zeros_like(y), y)
-        for field, ended in phases:
-            solution = dfx.diffeqsolve(
-                dfx.ODETerm(field),
-                dfx.Tsit5(),
-                t0=0.0,
-                t1=ENDS,
-                dt0=None,
-                y0=state,
-                args=state[0],
-                stepsize_controller=dfx.PIDController(rtol=rtol, atol=rtol),
-                event=dfx.Event(ended, optx.Newton(1e-10, 1e-10, optx.rms_norm), direction=False),
-                max_steps=4096,
-                throw=False,
-            )
-            state = jax.tree.map(lambda leaf: leaf[-1], solution.ys)
-        return -state[1] / y
-
-    def coefficient(theta, velocity):
-        y, d, steepness = scene.reduced(theta, velocity)
-        return jax.vmap(lambda y: rebound(y, _phases(d, steepness, jnp.maximum)))(y)
-
-    jitted = jax.jit(coefficient)
-    slopes = _with_gradient(scene, coefficient) if gradient else None
-    setting = f"tsit5, rtol {rtol:.0e}"
-    return Method(DIFFRAX, setting, BATCH, lambda v: jitted(scene.theta, v), slopes)
 
 
 def _with_gradient(scene: Scene, coefficient: Callable) -> Callable:

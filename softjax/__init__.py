@@ -35,7 +35,7 @@ from softjax.restitution import (
     restitution,
     signed_restitution,
 )
-from softjax.routes import ODE, AbstractRoute, ClosedForm, EnergyBalance
+from softjax.routes import ODE, AbstractRoute, ClosedForm, EnergyBalance, TimeODE
 from softjax.status import Status
 
 __all__ = [
@@ -70,6 +70,7 @@ __all__ = [
     "SignedRestitution",
     "Status",
     "Thornton",
+    "TimeODE",
     "ViscoelasticHertz",
     "WaltonBraun",
     "Zhou",

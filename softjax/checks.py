@@ -3,11 +3,15 @@
 Values that JAX is tracing cannot be looked at; they pass here and become a `Status` later.
 """
 
+from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from softjax.units import has_unit, in_unit
 
 
 class ArgumentError(ValueError):
@@ -18,12 +22,27 @@ def is_traced(value) -> bool:
     return isinstance(value, jax.core.Tracer)
 
 
-def as_real(value):
+def standard_promotion(function: Callable) -> Callable:
+    """The function with types promoted as JAX does by default: precisions of arguments may differ."""
+
+    @wraps(function)
+    def promoting(*arguments, **keywords):
+        with jax.numpy_dtype_promotion("standard"):
+            return function(*arguments, **keywords)
+
+    return promoting
+
+
+def as_real(value, unit: str = ""):
     """Numbers become floats and arrays floating point; anything else is left for the check to name.
 
     Python numbers stay Python floats: they take the precision of what they are computed with.
     NumPy arrays are copied, since a computation may still read them when its caller writes again.
+
+    Args:
+        unit: that of the numbers; what has another one is converted.
     """
+    value = in_unit(value, unit)
     if isinstance(value, bool | str | None):
         return value
     if isinstance(value, int | float):
@@ -41,6 +60,8 @@ def as_real(value):
         return value.astype(np.float32)  # NumPy has no name for these, as bfloat16
     is_integer = jnp.issubdtype(dtype, jnp.integer)
     if isinstance(value, np.generic):
+        if np.issubdtype(dtype, np.floating) and value.itemsize < 8:
+            return np.asarray(value)  # which keeps its precision
         return float(value) if is_integer or np.issubdtype(dtype, np.floating) else value
     if not isinstance(value, np.ndarray):
         return value * 1.0 if is_integer else value
@@ -87,7 +108,9 @@ def check_broadcast(named: dict[str, Any]) -> tuple[int, ...]:
 
 
 def _real_array(value) -> np.ndarray | None:
-    """The value as an array of real numbers, none of them masked, if it is one."""
+    """The value as an array of real numbers, none of them masked or with a unit, if it is one."""
+    if has_unit(value):
+        return None
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):

@@ -166,7 +166,7 @@ def _spheres(materials: dict[str, Material], radii: dict[str, Number]) -> list[t
     """Radius and mass of each sphere, checked; a material without a radius is that of a wall."""
     for name, material in materials.items():
         check_type(name, material, Material, "a Material")
-    radii = {name: as_real(radius) for name, radius in radii.items()}
+    radii = {name: as_real(radius, "m") for name, radius in radii.items()}
     for name, radius in radii.items():
         check(name, radius, lambda a: a > 0, "a positive length in m")
     properties = {

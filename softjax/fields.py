@@ -10,7 +10,7 @@ Checks of arguments, validity under `jit`, bounds of a fit and labels of its rep
 import dataclasses
 import re
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -20,7 +20,13 @@ import numpy as np
 from jax.tree_util import SequenceKey
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from softjax.checks import ArgumentError, as_real, check, check_broadcast, check_choice
+from softjax.checks import (
+    ArgumentError,
+    as_real,
+    check,
+    check_broadcast,
+    check_choice,
+)
 
 Number = Float[ArrayLike, "..."]
 Numbers = Float[Array, "..."]  # one an impact, or a single one
@@ -75,7 +81,7 @@ def number_field(
     Args:
         symbol: as equations write it, "σ".
         unit: SI, "N/m"; "-" or "1" for a pure number.
-        what: the quantity in words, for messages.
+        what: the quantity in words, for messages. Numbers with a unit of their own (pint's) are converted.
         within: its range, "(0, inf)" or "[0, 1]": round brackets leave the end out.
         options: of `dataclasses.field`, such as `default`.
 
@@ -90,7 +96,8 @@ def number_field(
         accepted = 'a range such as "(0, inf)" or "[0, 1]"'
         raise ArgumentError(f"`within` must be {accepted}, but is {within!r}") from None
     declared = Declared(symbol, unit, what, *ends)
-    return eqx.field(converter=as_real, metadata={"declared": declared}, **options)
+    converter = partial(as_real, unit=unit)
+    return eqx.field(converter=converter, metadata={"declared": declared}, **options)
 
 
 def choice_field(*choices: str) -> Any:
@@ -216,7 +223,7 @@ def check_fields(module: eqx.Module) -> None:
 
 def checked(law: eqx.Module, velocity) -> Any:
     """The impact velocity as an array or traced value, checked together with the law."""
-    velocity = as_real(velocity)
+    velocity = as_real(velocity, "m/s")
     accepted = "a finite impact velocity in m/s, zero or more"
     check("velocity", velocity, lambda v: v >= 0, accepted)
     numbers = numbers_of(law)

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from softjax.batching import batched, over_impacts
-from softjax.checks import ArgumentError
+from softjax.checks import ArgumentError, standard_promotion
+from softjax.compiling import batched
 from softjax.engine.energy import elastic_duration
 from softjax.engine.impact import (
     Impact,
@@ -17,10 +17,11 @@ from softjax.engine.impact import (
     results,
     with_elastic,
 )
-from softjax.engine.outcome import Units, slow_units
+from softjax.engine.outcome import Requested, Units, slow_units
 from softjax.fields import Numbers, checked
 from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.reduced import Reduced
+from softjax.mapping import over_impacts
 from softjax.numerics.gauss import gauss_legendre
 from softjax.routes import ODE, as_argument, is_count, si_units
 
@@ -50,6 +51,7 @@ class History(eqx.Module):
         return self.time[..., -1]
 
 
+@standard_promotion
 def collide(
     law: ContactLaw,
     velocity: Float[ArrayLike, "..."],
@@ -101,7 +103,7 @@ def _history(parameters, velocity, samples):
     along = np.linspace(0.0, 1.0, on_loading, dtype=dtype)
     back = np.linspace(0.0, 1.0, samples - on_loading + 1, dtype=dtype)[1:]
     parts, collision = _samples(impact, (along, back), route)
-    coefficient, plastic, _, _, status = results(impact, collision)
+    coefficient, plastic, _, _, status = results(impact, collision, Requested())
     shown = impact.valid & (impact.velocity > 0) & collision.answered
     time, overlap, speed, force = (jnp.where(shown[..., None], part, 0.0) for part in parts)
     return History(time, overlap, speed, force, coefficient, plastic, status)
@@ -122,15 +124,15 @@ def _samples(impact: Impact, fractions, route: ODE):
             return elastic, elastic_collisions(impact, clock=False, force=False)
     history = motion.history if independent else motion.damped_history
 
-    def single(law, y, below, route):
+    def single(law, y, speed_ratio, route):
         collision, samples = history(law, y, route, fractions)
-        if below is None:
+        if speed_ratio is None:
             return collision, samples
-        units = slow_units(law, collision, below)
+        units = slow_units(law, collision, speed_ratio)
         return collision.scaled(units), _in(units, samples)
 
     impacts = law.reduced_at(impact.acting)
-    batch = impacts.law, impacts.y, impacts.below, route
+    batch = impacts.law, impacts.y, impacts.speed_ratio, route
     collision, samples = over_impacts(single, batch, forward=True)
     units = si_units(law, impacts)
     collision, parts = collision.scaled(units), _in(units, samples)

@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from softjax.checks import standard_promotion
 from softjax.fields import Numbers
 from softjax.numerics.gauss import gauss_legendre
 from softjax.numerics.powers import safe_sqrt
@@ -15,6 +16,7 @@ NEWTON = 6  # steps to ξ, which is then 8e-7 off at ε = 0.1
 LEAST = 1e-30  # in place of 0 [m]: forces of laws are of positive overlaps
 
 
+@standard_promotion
 def contact_force(
     law: Any, overlap: Any, velocity: Any, memory: Any, *, hold: Any = None
 ) -> tuple[Numbers, Numbers]:

@@ -8,17 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from softjax.batching import batched
-from softjax.checks import ArgumentError, is_traced
+from softjax.checks import ArgumentError, is_traced, standard_promotion
+from softjax.compiling import batched
 from softjax.engine.impact import (
     Impact,
     check_law,
     collisions,
     common_precision,
-    judged,
+    restitution_and_status,
     results,
 )
-from softjax.engine.outcome import Collision
+from softjax.engine.outcome import Collision, Requested
 from softjax.fields import Flags, Numbers, checked, is_array, shared_leaves
 from softjax.laws.base import ContactLaw
 from softjax.routes import AbstractRoute, as_argument
@@ -57,7 +57,7 @@ class Restitution(eqx.Module):
         0 where there is no contact that ends: at v = 0, without a turning point, on invalid input,
         and where the solver gave up.
         """
-        return self._computed("duration")
+        return self._computed(Requested(duration=True))
 
     @property
     def peak_force(self) -> Numbers:
@@ -66,14 +66,15 @@ class Restitution(eqx.Module):
         0 where there is no contact with a peak: at v = 0, without a turning point, on invalid input,
         where the solver gave up, and for hard spheres.
         """
-        return self._computed("force")
+        return self._computed(Requested(force=True))
 
-    def _computed(self, quantity: str) -> Numbers:
+    @standard_promotion
+    def _computed(self, requested: Requested) -> Numbers:
         law, velocity = common_precision(self.law, self.velocity)
 
         def computed(law, route, velocity):
             parameters = law, as_argument(route)
-            return batched(collisions, parameters, velocity, _observable, quantity)
+            return batched(collisions, parameters, velocity, _observable, requested)
 
         # impacts that each have a law of their own
         if self.each and any(shared_leaves((law, self.route))):
@@ -84,7 +85,7 @@ class Restitution(eqx.Module):
     @property
     def ok(self) -> Flags:
         """True where the status is plain or elastic and nothing else."""
-        return (self.status == Status.PLAIN) | (self.status == Status.ELASTIC)
+        return Status.is_ok(self.status)
 
     def __repr__(self) -> str:
         """The numbers of a few impacts; of many, or of traced ones, what there is."""
@@ -102,6 +103,7 @@ class Restitution(eqx.Module):
         return f"Restitution({type(self.law).__name__}: eps={values}, {status=!s})"
 
 
+@standard_promotion
 def restitution(
     law: ContactLaw,
     velocity: Float[ArrayLike, "..."],
@@ -120,9 +122,9 @@ def restitution(
             for each impact.
         velocity: relative impact velocity v >= 0 [m/s], a number or an array of any shape.
         route: `EnergyBalance()` (rate-independent laws; exact), `ClosedForm()` (laws that know
-            their collisions, such as `ViscoelasticHertz`; exact) or `ODE(...)` (any law with a
-            force; the equation of motion integrated by diffrax). The default is the first that
-            the law can take.
+            their collisions, such as `ViscoelasticHertz`; exact), `ODE(...)` (any law with a
+            force; the equation of motion integrated by diffrax) or `TimeODE(...)` (the same over
+            time with events, for cross-checks). The default is the first that the law can take.
         overlaps: False leaves the overlaps out, where ε of millions of impacts is all that counts:
             a tenth to a third of the time and almost half of the memory.
 
@@ -153,7 +155,7 @@ def restitution(
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
     parameters = law, as_argument(route)
-    parts = batched(collisions, parameters, velocity, results, "overlaps" if overlaps else None)
+    parts = batched(collisions, parameters, velocity, results, Requested(overlaps=overlaps))
     (law, velocity, route), each = _kept((law, velocity, route))
     return Restitution(law, velocity, *parts, route, each)
 
@@ -193,6 +195,7 @@ class SignedRestitution(NamedTuple):
     status: Int[Array, "..."]
 
 
+@standard_promotion
 def signed_restitution(
     law: ContactLaw,
     velocity: Float[ArrayLike, "..."],
@@ -209,11 +212,11 @@ def signed_restitution(
     check_law(law)
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
-    return batched(collisions, (law, as_argument(route)), velocity, _signed, None)
+    return batched(collisions, (law, as_argument(route)), velocity, _signed, Requested())
 
 
 def _signed(impact: Impact, collision: Collision, _):
-    squared, status = judged(impact, collision)
+    squared, status = restitution_and_status(impact, collision)
     return SignedRestitution(jnp.where(impact.valid & collision.answered, squared, 0.0), status)
 
 
@@ -221,7 +224,7 @@ def _chosen(law: ContactLaw, route: AbstractRoute | None) -> AbstractRoute:
     """The requested route, or the law's default; a ValueError where the law cannot take it."""
     route = law.default_route() if route is None else route
     if not isinstance(route, AbstractRoute):
-        kinds = "EnergyBalance(), ClosedForm() or ODE(...)"
+        kinds = "EnergyBalance(), ClosedForm(), ODE(...) or TimeODE(...)"
         raise ArgumentError(f"`route` must be {kinds}, but is {route!r}")
     accepted = route.refusal(law)
     if accepted is not None:
@@ -229,7 +232,8 @@ def _chosen(law: ContactLaw, route: AbstractRoute | None) -> AbstractRoute:
     return route
 
 
-def _observable(impact: Impact, collision: Collision, quantity: str):
+def _observable(impact: Impact, collision: Collision, requested: Requested):
     """Duration or largest force, 0 without a contact that ends."""
     acts = impact.valid & (impact.velocity > 0)
-    return jnp.where(acts, getattr(collision, quantity), 0.0)
+    value = collision.duration if requested.duration else collision.force
+    return jnp.where(acts, value, 0.0)

@@ -22,7 +22,8 @@ class Status(enum.IntFlag):
     | `ZERO_VELOCITY` | v = 0: d(eps)/dv is infinite for psi < 1 | eps = 1, gradient 0 |
     | `INVALID_INPUT` | NaN, negative or infinite input under `jit` | eps = 0, gradient 0 |
     | `SOLVER_FAILED` | the integration used up its steps, or a formula gives no number | 0, gradient 0 |
-    | `INEXACT` | quadratures of the energy balance differ by 1e-10 (float32: 1e-5), or a force jumps | as computed |
+    | `INEXACT` | works differ by 1e-10 of the energy (float32: 1e-5; by the ODE 1e-3), or a force jumps | as computed |
+    | `NO_END` | the overlap creeps to zero and never gets there: overdamped | eps = eps_p = 0 |
     """
 
     PLAIN = 0
@@ -37,8 +38,24 @@ class Status(enum.IntFlag):
     INVALID_INPUT = 256
     SOLVER_FAILED = 512
     INEXACT = 1024
+    NO_END = 2048
 
     __str__ = enum.Flag.__str__
+
+    @staticmethod
+    def is_ok(status):
+        """Whether nothing but `ELASTIC` is flagged: within the law's range, without a fault. Elementwise."""
+        return (status & ~int(Status.ELASTIC)) == 0
+
+    @staticmethod
+    def has_rebound(status):
+        """Whether the law has a rebound to show there: other flags qualify the value. Elementwise."""
+        return (status & _NO_REBOUND) == 0
+
+    @staticmethod
+    def has_fault(status):
+        """Whether the input makes no sense or the numbers are not right; other flags are of the law's range."""
+        return (status & _FAULTS) != 0
 
     @property
     def advice(self) -> str:
@@ -46,6 +63,14 @@ class Status(enum.IntFlag):
         return " ".join(text for flag, text in _ADVICE.items() if flag in self)
 
 
+_FAULTS = int(Status.INVALID_INPUT | Status.SOLVER_FAILED | Status.INEXACT)
+_NO_REBOUND = int(
+    Status.NO_REBOUND
+    | Status.NO_TURNING_POINT
+    | Status.ABOVE_LIMIT_VELOCITY
+    | Status.INVALID_INPUT
+    | Status.NO_END
+)
 _ADVICE = {
     Status.NO_RESIDUAL_OVERLAP: "Check the unloading factor: X = chi E/Y is about 1 or below.",
     Status.ENERGY_GAIN: "The law returns more than it took; a larger unloading factor loses more.",
@@ -55,5 +80,6 @@ _ADVICE = {
     Status.ABOVE_LIMIT_VELOCITY: "Eq. (17) ends at the limit velocity sqrt(3 Y/rho).",
     Status.SOLVER_FAILED: "Raise `max_steps`, loosen `rtol` or take a method of higher order.",
     Status.INEXACT: "Declare the law's `breakpoints`, and its `residual_overlap` where a force jumps.",
+    Status.NO_END: "Lower the damping, or let the contact end at zero force.",
     Status.INVALID_INPUT: "Give finite positive properties and a finite velocity >= 0.",
 }

@@ -10,6 +10,7 @@ For a material of the paper (stainless-steel, chrome-steel, nylon: σ and ψ of 
     softjax curve --fit results/fit.json --posterior results/posterior.nc
     cut -d, -f1 shots.csv | softjax curve nylon --velocities -
     softjax curve nylon --law hertz-dashpot --set restitution=0.9
+    softjax curve nylon --law viscoelastic --restitution 0.8 --at 1
 
 At most a million rows; of more, from Python: softjax.restitution(law, velocity).coefficient
 
@@ -37,6 +38,10 @@ DRAWN = 4096  # rows of a picture
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_source_arguments(parser, posterior=True)
     add_route_arguments(parser)
+    add = parser.add_argument_group("one measured restitution").add_argument
+    text = "viscoelastic spheres that rebound with it at --at"
+    add("--restitution", type=float, metavar="X", help=text)
+    add("--at", type=float, metavar="V", help="impact velocity of --restitution [m/s]")
     add = parser.add_argument_group("velocities").add_argument
     add("--from", dest="first", type=float, metavar="V", help="lowest [m/s]")
     add("--to", dest="last", type=float, metavar="V", help="highest [m/s]")

@@ -36,10 +36,10 @@ def read_source(arguments: argparse.Namespace) -> Source:
     is_file = bool(Path(arguments.source or "").suffix)
     left_out: tuple[str, ...]
     if arguments.line is not None:
-        left_out = ("fit", "posterior", "eps_up", "set", *OF_LAW)
+        left_out = ("fit", "posterior", "eps_up", "set", "restitution", "at", *OF_LAW)
         why = "with --line, whose law is Zhou's as it was fitted"
     elif arguments.fit is not None:
-        left_out = ("eps_up", "set", *OF_LAW)
+        left_out = ("eps_up", "set", "restitution", "at", *OF_LAW)
         why = "with --fit, whose law is the fitted one"
     else:
         left_out = ("posterior", *["material"] * (not is_file))
@@ -240,6 +240,12 @@ def _law(
             accepted = f"give --set {field}=X, fix it by a plain number, or read its fit by --fit"
             place = parameter.origin or Origin("")  # a file's parameters have one
             raise InputError(place.file, place.line, problem, accepted)
+    measured = getattr(arguments, "restitution", None), getattr(arguments, "at", None)
+    if measured != (None, None):
+        if name != "viscoelastic" or "dissipation_time" in stated:
+            accepted = "left out with dissipation_time, and with other laws than viscoelastic"
+            raise DataError("--restitution", measured[0], accepted)
+        values["dissipation_time"] = _dissipation_time(contact, *measured)
     eps_up = known.get("eps_up") if arguments.eps_up is None else arguments.eps_up
     if arguments.eps_up is not None and (name != "zhou" or "sigma" in stated):
         raise DataError("--eps-up", eps_up, "left out with sigma, and with other laws than zhou")
@@ -257,6 +263,16 @@ def _law(
     if not by_eps_up:
         return law
     return dataclasses.replace(law, sigma=float(sigma_of(contact, eps_up, law.psi)))
+
+
+def _dissipation_time(contact: sj.Contact, restitution: Any, velocity: Any) -> float:
+    """A of one ε at one velocity."""
+    if restitution is None or velocity is None:
+        raise DataError("--restitution", restitution, "given with --at V, where it was measured")
+    as_number("--restitution", restitution, lambda e: 0 < e <= 1, "above 0, and 1 at most")
+    as_number("--at", velocity, lambda v: v > 0, "a positive velocity in m/s")
+    law = sj.ViscoelasticHertz.from_restitution(contact, restitution, velocity)
+    return float(law.dissipation_time)
 
 
 def _stated(arguments: argparse.Namespace) -> dict[str, float | str]:

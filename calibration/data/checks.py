@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from calibration.errors import DataError, printable
+from softjax.units import has_unit
 
 Column = Float[np.ndarray, " n"]
 LEAST = 1e-60  # of an uncertainty: squares of what is divided by it are numbers
@@ -16,6 +17,12 @@ LEAST = 1e-60  # of an uncertainty: squares of what is divided by it are numbers
 
 def as_numbers(name: str, values: Any) -> Column:
     """A column of real numbers as float64; raises DataError for anything else."""
+    if has_unit(values):
+        raise DataError(
+            name, values, "an array of numbers in SI units, without a unit of their own"
+        )
+    if np.ma.isMaskedArray(values):  # what is masked was not measured
+        values = np.ma.filled(values.astype(float), np.nan)
     array = np.asarray(values)
     if array.dtype.kind == "O" and not any(isinstance(item, str | bool) for item in array.flat):
         with suppress(TypeError, ValueError):  # decimals, fractions, a frame's missing values

@@ -8,6 +8,7 @@ from functools import cached_property, wraps
 from types import MappingProxyType
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Int
 
@@ -40,9 +41,22 @@ from calibration.data.repeats import average
 from calibration.data.track_table import TrackOptions, read_tracks, tracks_in
 from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.observables import Observed, scale_of
+from softjax.units import in_unit
 
 DENTS = {"largest": "dent_diameter", "residual": "residual_dent_diameter"}
 LARGEST = 1.5  # restitution: further above 1 no noise brings it
+NOT_ROWS = (
+    "self",
+    "name",
+    "remarks",
+    "bodies",
+    "measured",
+    "dent",
+    "fall",
+    "tracks",
+    "origin",
+    "errors",
+)
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
 # stated of all rows, not in the table
@@ -58,8 +72,8 @@ class RestitutionData:
     With ε, or in its place, what else an impact shows, `contact_time=` and the others of `measured`.
 
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are stored as
-    read-only float64 arrays. Two sets are equal when all that is below is but `bodies`,
-    `fall`, `tracks` and `origin`.
+    read-only float64 arrays. Rows that `numpy.ma` masks are left out; what has a unit (pint's) is converted.
+    Two sets are equal when all that is below is but `bodies`, `fall`, `tracks` and `origin`.
 
     Attributes:
         velocity: v [m/s], shape (n,), relative impact speed, positive and below the limit velocity.
@@ -532,17 +546,50 @@ def _ball(diameter: Any, mass: Any, density: Any, bodies: Any, contact: Any) -> 
     return Body.sphere(diameter, mass, density)
 
 
+def _in_si(name: str, value: Any) -> Any:
+    """An argument in SI, where it has a unit of its own that pint can convert."""
+    if name == "measured":
+        return {name: _in_si(name, column) for name, column in value.items()}
+    quantity = name.removesuffix("_uncertainty")
+    unit = OBSERVED.get(quantity, "m/s" if "velocity" in quantity else "")
+    return in_unit(value, unit)
+
+
+def _without_masked(given: dict[str, Any]) -> dict[str, Any]:
+    """The arguments without the rows of which the velocity, or all that was measured, is masked."""
+    measured = given.get("measured", {})
+    columns = [given.get("restitution"), *(measured.get(name) for name in OBSERVED)]
+    columns = [column for column in columns if column is not None]
+    velocity = given.get("velocity")
+    if not any(np.ma.is_masked(column) for column in (velocity, *columns)):
+        return given
+    lost = [np.ma.getmaskarray(column) for column in columns]
+    kept = ~np.ma.getmaskarray(velocity) & ~np.all(np.broadcast_arrays(*lost), axis=0)
+
+    def rows(value: Any) -> Any:
+        if isinstance(value, sj.Contact):
+            return jax.tree.map(rows, value)
+        per_row = np.ndim(value) == 1 and len(value) == len(kept) and not isinstance(value, str)
+        return np.ma.asarray(value)[kept] if per_row else value
+
+    if given.get("errors") is not None:
+        raise DataError("errors", "given with masked entries", "left out, or rows without them")
+    fields = {name: rows(value) for name, value in given.items() if name not in NOT_ROWS}
+    return given | fields | {"measured": {name: rows(column) for name, column in measured.items()}}
+
+
 def _with_observables(data: type) -> None:
     """Let a set take observables as arguments of their own names."""
     made = data.__init__  # type: ignore[misc]
+    signature = inspect.signature(made)
 
     @wraps(made)
     def __init__(self: Any, *arguments: Any, **keywords: Any) -> None:
         beside = {name: keywords.pop(name) for name in BESIDE if name in keywords}
         measured = {**keywords.pop("measured", {}), **beside}
-        made(self, *arguments, measured=measured, **keywords)
+        given = signature.bind_partial(self, *arguments, measured=measured, **keywords).arguments
+        made(**_without_masked({name: _in_si(name, value) for name, value in given.items()}))
 
-    signature = inspect.signature(made)
     more = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=None) for n in BESIDE]
     parameters = [*signature.parameters.values(), *more]
     __init__.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]

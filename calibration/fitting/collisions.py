@@ -22,7 +22,7 @@ import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
 from calibration.observables import RESTITUTION, predicted
-from softjax.batching import filled, in_few_sizes
+from softjax.compiling import filled, in_few_sizes
 from softjax.fields import shared_fields
 
 PROBES = 3  # places at which it is looked which leaves move

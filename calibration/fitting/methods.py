@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softjax.batching import SOONEST, accepted
+from softjax.compiling import SOONEST, accepted
 
 TINY = 1e-150  # a column so short that its square underflows is none
 SEEN = 1e-10  # singular values, columns scaled to one, below which a direction is not seen

@@ -524,7 +524,7 @@ def _statuses(status: Any, velocity: Column) -> Iterator[str]:
     """Each flag that is raised at data points, other than elastic."""
     for flag in sj.Status:
         at = velocity[(np.asarray(status, int) & int(flag)) != 0]
-        if flag in (sj.Status.PLAIN, sj.Status.ELASTIC) or not len(at):
+        if sj.Status.is_ok(int(flag)) or not len(at):
             continue
         span = f"{np.min(at):.3g} to {np.max(at):.3g} m/s" if len(at) > 1 else f"{at[0]:.3g} m/s"
         yield f"{flag.name} at {len(at)} of {len(status)} points ({span})"

@@ -30,14 +30,6 @@ FIRST = ("data", "Zhou, fitted", EQ_17)  # in the legend
 WIDEST = 0.5  # room for a band above and below its curve, in heights of the curve
 LEAST_SPAN = 0.05  # of ε: a curve's height is at least this for that purpose
 INVISIBLE = 1e-6  # width of a band that is not drawn: data without scatter
-# where a law has no rebound to show; its other flags qualify a value, these say there is none
-NO_VALUE = int(
-    sj.Status.NO_REBOUND
-    | sj.Status.NO_TURNING_POINT
-    | sj.Status.ABOVE_LIMIT_VELOCITY
-    | sj.Status.INVALID_INPUT
-)
-FLAGGED = ~(int(sj.Status.ELASTIC) | int(sj.Status.PLAIN))
 ROOM = 0.5  # room above and below the data in the close-up of laws, relative to their height
 WIDTHS = (3.4, 0.3, 1.2)  # of the first law drawn, how much less of each further one, the least
 
@@ -124,7 +116,7 @@ def _plot_observable(
     style.points(upper, x, value, error, None if across is None else across / scale, label="data")
     status = np.zeros(len(data), int)
     status[next(blocks_of(data))[2]] = fit.status
-    flagged = status[rows] & FLAGGED != 0
+    flagged = ~sj.Status.is_ok(status[rows])
     if np.any(flagged):
         label = "flagged by the law: see the warnings"
         upper.plot(x[flagged], value[flagged], "x", color=style.VERMILION, label=label)
@@ -279,7 +271,7 @@ def restitution_figure(
     if data is not None:
         errors = data.uncertainty, data.velocity_uncertainty
         style.points(ax, data.velocity, data.restitution, *errors, label="data")
-    value = np.where(rows.status.astype(int) & NO_VALUE != 0, np.nan, rows.coefficient)
+    value = np.where(sj.Status.has_rebound(rows.status.astype(int)), rows.coefficient, np.nan)
     marker = "o" if len(v) < FEW else ""
     ax.plot(v, value, label=style.plain(label), color=style.BLUE, marker=marker, ms=4)
     style.mark_velocity(ax, yields_at, v, label="first yield")

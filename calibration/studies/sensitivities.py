@@ -18,7 +18,7 @@ from calibration.studies.inputs import (
     as_inputs,
     check_velocity,
 )
-from softjax.batching import filled
+from softjax.compiling import filled
 from softjax.fields import Declared
 
 PADDING = 64  # most batches of velocities share one compilation

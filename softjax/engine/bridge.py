@@ -1,4 +1,20 @@
-"""The only bridge to diffrax: its solvers and the control of their steps."""
+"""The only bridge to diffrax: its solvers and the control of their steps.
+
+A branch of a collision is an initial value problem over a variable whose end is known, dy/ds = f(s, y), from s = a
+to b. With t = (s - a)/(b - a) every branch goes from 0 to 1, by steps h of an explicit Runge–Kutta method with
+stages k_i = f(t + c_i h, y + h Σ_j a_ij k_j) and y → y + h Σ_i b_i k_i; the error estimate of a step, against the
+tolerance, sets the next. `solve` takes these steps; `until` and `advance` integrate over time by diffrax's own
+`diffeqsolve`, the first up to an event.
+
+>>> import jax.numpy as jnp
+>>> import softjax as sj
+>>> sj.enable_x64()
+>>> from softjax.engine.bridge import solve
+>>> zero, one = jnp.asarray(0.0), jnp.asarray(1.0)
+>>> (y,), arrived = solve(lambda s, y: (-y[0],), zero, 2 * one, (one,), sj.ODE())  # y = e^{-s}
+>>> print(f"{y:.8f} {arrived}")
+0.13533528 True
+"""
 
 from functools import partial
 from typing import Any, NamedTuple
@@ -7,10 +23,11 @@ import diffrax as dfx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array
 
 from softjax.checks import ArgumentError
-from softjax.numerics.derivatives import along_active
+from softjax.numerics.derivatives import differentiate_active_inputs
 
 # of the way: at the default tolerance two or three larger ones follow. Methods of fifth order would take
 # a tenth at 1e-11 where their error estimate happens to pass through zero, and err by 1.3e-10.
@@ -23,6 +40,7 @@ SHARE = 0.1
 SMALL_STEP = 0.05  # of any other method, the first one and the largest
 REMEMBERED = 64  # steps that reverse mode goes back by at once: ten are usual
 NEARLY = 100  # roundings before the end at which a step is taken to go all the way
+FIRST_TIME, LARGEST_TIME = 0.01, 0.2  # steps in time; an elastic collision takes three
 
 
 def check_solver(solver, adaptive: bool) -> None:
@@ -37,17 +55,17 @@ def check_solver(solver, adaptive: bool) -> None:
         )
 
 
-def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = False):
+def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = False, idle=None):
     """Integrate dstate/ds = field(s, state) from s = start to end, all scaled to one.
 
     Returns the last state, or the states at the fractions `save` of the way (increasing, in
     [0, 1]), and whether the solver got there. Differentiable forward only, unless the route is
-    reversible (`softjax.batching` says when). `smooth` is for fields known to vary over the whole way
-    alike: their steps have no upper bound.
+    reversible (`softjax.mapping` says when). `smooth`: the field has no kinks or flat parts; the step size is unbounded.
 
-    Step by step with diffrax's methods and its control of their steps. Its own `diffeqsolve` gives the
-    same numbers as fast; with it a first `collide` takes twice the processor time, and gradients by
-    the weights of a network three times (the reference, how it works, has the measurement).
+    Where `idle` holds no step is taken, unless the route is reversible.
+
+    Step by step with diffrax's methods and its control of their steps; the reference (how it works) says
+    why not by its `diffeqsolve`.
     """
     span = end - start
 
@@ -55,40 +73,44 @@ def solve(field, start, end, state, route: Any, save=None, *, smooth: bool = Fal
         return tuple(span * rate for rate in field(start + span * t, state))
 
     if not route.by_reverse:
-        walk = _walked(scaled, state, route, save, smooth)
-        return (walk.state if save is None else walk.samples), walk.before >= 1
+        now = integrate_steps(scaled, state, route, save, smooth, idle=idle)
+        return (now.state if save is None else now.samples), now.before >= 1
 
     closed, constants = jax.closure_convert(scaled, jnp.zeros_like(span), state, None)
 
     def whole(state, constants):
-        walk = _walked(_around(closed, constants), state, route, save, smooth)
-        return (walk.state if save is None else walk.samples), walk.before >= 1
+        now = integrate_steps(_around(closed, constants), state, route, save, smooth)
+        return (now.state if save is None else now.samples), now.before >= 1
 
     solver, backwards = _solver(route), None  # of samples, and by Euler's method: forward
     if isinstance(solver, dfx.AbstractERK) and save is None:
-        backwards = partial(_swept, closed, len(state), route, smooth, solver.tableau)
-    return along_active(whole, state, constants, slopes=backwards)
+        backwards = partial(
+            reverse_sensitivities, closed, len(state), route, smooth, solver.tableau
+        )
+    return differentiate_active_inputs(whole, state, constants, slopes=backwards)
 
 
 def _around(closed, constants):
     return lambda t, state, args: closed(t, state, args, *constants)
 
 
-class _Walk(NamedTuple):
+class StepState(NamedTuple):
     """Between two steps of a solve: the next one goes from `before` to `after`."""
 
     before: Array
     after: Array
     state: tuple[Array, ...]
     memory: Any  # of the method
-    pace: Any  # of what controls the steps
+    control: Any  # memory of what controls the steps
     steps: Array
     samples: tuple[Array, ...] | None
     taken: Any = None  # beginnings, ends and first states of the last steps that were kept
     kept: Any = None  # how many were
 
 
-def _walked(field, state, route: Any, save, smooth: bool, until: Array | None = None) -> _Walk:
+def integrate_steps(
+    field, state, route: Any, save, smooth: bool, until: Array | None = None, idle=None
+) -> StepState:
     """As far of the way from 0 to 1 as the method comes; steps are remembered up to the last of `until`."""
     zero, one = (jnp.asarray(t, state[0].dtype) for t in (0, 1))
     controller, dt0, most = _controller(route, zero.dtype, smooth)
@@ -96,22 +118,22 @@ def _walked(field, state, route: Any, save, smooth: bool, until: Array | None = 
     solver, args = _solver(route), None
     order = solver.error_order(term)
 
-    def unfinished(walk: _Walk):
+    def unfinished(now: StepState):
         # a step that is shorter than rounding leads nowhere
-        going = (walk.before < walk.after) & (walk.before < one) & (walk.steps < most)
-        return going if until is None else going & (walk.kept < until)
+        going = (now.before < now.after) & (now.before < one) & (now.steps < most)
+        return going if until is None else going & (now.kept < until)
 
-    def step(walk: _Walk) -> _Walk:
-        tried = walk.before, walk.after
+    def step(now: StepState) -> StepState:
+        tried = now.before, now.after
         new, error, dense, memory, _ = solver.step(
-            term, *tried, walk.state, args, walk.memory, made_jump=False
+            term, *tried, now.state, args, now.memory, made_jump=False
         )
         # what is no number is tried again with a shorter step
         error = jax.tree.map(lambda e: jnp.where(jnp.isnan(e), jnp.inf, e), error)
-        keep, before, after, _, pace, _ = controller.adapt_step_size(
-            *tried, walk.state, new, args, error, order, walk.pace
+        keep, before, after, _, control, _ = controller.adapt_step_size(
+            *tried, now.state, new, args, error, order, now.control
         )
-        samples = walk.samples
+        samples = now.samples
         if samples is not None:
             between = solver.interpolation_cls(t0=tried[0], t1=tried[1], **dense)
             at = jnp.asarray(save)
@@ -119,20 +141,24 @@ def _walked(field, state, route: Any, save, smooth: bool, until: Array | None = 
             samples = jax.tree.map(
                 partial(jnp.where, here), jax.vmap(between.evaluate)(at), samples
             )
-        taken, kept = walk.taken, walk.kept
+        taken, kept = now.taken, now.kept
         if until is not None:  # of one that is not kept the next one takes the place
-            at, here = kept % REMEMBERED, jnp.stack([*tried, *walk.state])
+            at, here = kept % REMEMBERED, jnp.stack([*tried, *now.state])
             taken, kept = taken.at[at].set(here), kept + keep
         chosen = partial(jnp.where, keep)
-        state, memory = jax.tree.map(chosen, (new, memory), (walk.state, walk.memory))
+        state, memory = jax.tree.map(chosen, (new, memory), (now.state, now.memory))
         ends = after > 1 - NEARLY * jnp.finfo(after.dtype).eps
         after = jnp.where(ends, jnp.where(keep, one, 0.5 * (before + one)), after)
-        return _Walk(before, after, state, memory, pace, walk.steps + 1, samples, taken, kept)
+        return StepState(before, after, state, memory, control, now.steps + 1, samples, taken, kept)
 
-    first, pace = controller.init(term, zero, one, state, dt0, args, solver.func, order)
+    first, control = controller.init(term, zero, one, state, dt0, args, solver.func, order)
     memory = solver.init(term, zero, first, state, args)
     samples = None if save is None else tuple(jnp.broadcast_to(y, save.shape) for y in state)
-    begin = _Walk(zero, jnp.minimum(first, one), state, memory, pace, jnp.asarray(0), samples)
+    begin = StepState(
+        zero, jnp.minimum(first, one), state, memory, control, jnp.asarray(0), samples
+    )
+    if idle is not None:
+        begin = begin._replace(before=jnp.where(idle, one, zero))
     if until is not None:
         nothing = jnp.zeros((REMEMBERED, 2 + len(state)), zero.dtype)
         begin = begin._replace(taken=nothing, kept=jnp.asarray(0))
@@ -145,7 +171,7 @@ def _solver(route: Any):
     return route.solver
 
 
-def _swept(closed, count: int, route: Any, smooth: bool, tableau, active, *leaves):
+def reverse_sensitivities(closed, count: int, route: Any, smooth: bool, tableau, active, *leaves):
     """The last state, whether it was reached, and its derivatives by every number of the active leaves.
 
     A state is two numbers at most: the steps are remembered, and gone through backwards, each
@@ -157,7 +183,7 @@ def _swept(closed, count: int, route: Any, smooth: bool, tableau, active, *leave
     """
     start, constants = leaves[:count], leaves[count:]
     of_field = [i - count for i in active if i >= count]
-    walked = partial(_walked, _around(closed, constants), start, route, None, smooth)
+    integrated = partial(integrate_steps, _around(closed, constants), start, route, None, smooth)
 
     def stepped(before, after, state, chosen):
         full = list(constants)
@@ -170,21 +196,21 @@ def _swept(closed, count: int, route: Any, smooth: bool, tableau, active, *leave
     def back(taken):
         """The derivatives of the state after a step, from those of the state before it."""
         before, after, state = taken[0], taken[1], taken[2:]
-        _, pull = jax.vjp(partial(stepped, before, after), state, chosen)
-        return jax.vmap(pull)
+        _, transposed = jax.vjp(partial(stepped, before, after), state, chosen)
+        return jax.vmap(transposed)
 
     def portion(state):
         until, first, *slopes = state
-        walk = walked(until)
-        left = jnp.maximum(walk.kept - REMEMBERED, 0)
+        now = integrated(until)
+        left = jnp.maximum(now.kept - REMEMBERED, 0)
 
         def undo(state):
             at, by_state, by_field = state
-            by_state, more = back(walk.taken[(at - 1) % REMEMBERED])(by_state)
+            by_state, more = back(now.taken[(at - 1) % REMEMBERED])(by_state)
             return at - 1, by_state, jax.tree.map(jnp.add, by_field, more)
 
-        _, *slopes = jax.lax.while_loop(lambda s: s[0] > left, undo, (walk.kept, *slopes))
-        reached = walk.state, walk.before >= 1
+        _, *slopes = jax.lax.while_loop(lambda s: s[0] > left, undo, (now.kept, *slopes))
+        reached = now.state, now.before >= 1
         first = jax.tree.map(partial(jnp.where, until > route.max_steps), reached, first)
         return left, first, *slopes
 
@@ -230,3 +256,79 @@ def _controller(route: Any, dtype, smooth: bool):
     controller = dfx.PIDController(rtol=tolerance, atol=tolerance, dtmax=largest)
     first = FIRST_STEP.get(route.solver, SMALL_STEP)
     return controller, jnp.asarray(first, dtype), route.max_steps
+
+
+def until(field, ends, state, tolerance, max_steps: int):
+    """Integrate dstate/dt = field(state) from t = 0 by `diffrax.diffeqsolve`, until an event.
+
+    Args:
+        ends: functions of the state; where a number falls through 0 the motion ends, which is looked for by
+            bisection in the step's interpolation, and where a truth value holds, at the end of the step.
+        tolerance: relative, and absolute: states are of the order of one.
+
+    Returns:
+        t and the state at the end, and which of `ends` it was: all False where `max_steps` were used up.
+    """
+    fine = 4 * float(jnp.finfo(state[0].dtype).eps)
+    conditions = tuple(partial(_of_state, end) for end in ends)
+    solution = _by_diffeqsolve(
+        lambda t, state, _: field(state),
+        state,
+        tolerance,
+        max_steps,
+        t1=jnp.inf,
+        event=dfx.Event(conditions, _Bisection(fine, fine, flip="detect"), direction=False),
+    )
+    time, last = jax.tree.map(lambda x: x[-1], (solution.ts, solution.ys))
+    return time, last, solution.event_mask
+
+
+class _Bisection(optx.Bisection):
+    """Bisection of the one condition that holds; diffrax gives 0 for each other one."""
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        kind = jax.tree.leaves(f_struct)[0]
+        return super().init(_summed(fn), y, args, options, kind, aux_struct, tags)
+
+    def step(self, fn, y, args, options, state, tags):
+        return super().step(_summed(fn), y, args, options, state, tags)
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        return super().postprocess(_summed(fn), y, aux, args, options, state, tags, result)
+
+
+def _summed(fn):
+    def total(time, args):
+        values, more = fn(time, args)
+        return sum(jax.tree.leaves(values)), more
+
+    return total
+
+
+def _of_state(end, t, y, args, **_):
+    return end(y)
+
+
+def advance(field, state, time, tolerance, max_steps: int, save=None):
+    """The state at a given time, or at shares `save` of it; differentiable forward, in the time too."""
+    scaled = lambda _, state, time: tuple(time * rate for rate in field(state))  # noqa: E731
+    saveat = dfx.SaveAt(t1=True) if save is None else dfx.SaveAt(ts=save)
+    solution = _by_diffeqsolve(
+        scaled, state, tolerance, max_steps, t1=1.0, args=time, saveat=saveat
+    )
+    return jax.tree.map(lambda x: x[-1], solution.ys) if save is None else solution.ys
+
+
+def _by_diffeqsolve(field, state, tolerance, max_steps: int, **more):
+    return dfx.diffeqsolve(
+        dfx.ODETerm(field),
+        dfx.Tsit5(),
+        t0=0.0,
+        dt0=FIRST_TIME,
+        y0=state,
+        stepsize_controller=dfx.PIDController(rtol=tolerance, atol=tolerance, dtmax=LARGEST_TIME),
+        adjoint=dfx.ForwardMode(),
+        max_steps=max_steps,
+        throw=False,
+        **more,
+    )

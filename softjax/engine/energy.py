@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from softjax.batching import over_impacts
 from softjax.engine import outcome
 from softjax.engine.outcome import (
     Collision,
@@ -28,6 +27,7 @@ from softjax.engine.outcome import (
 )
 from softjax.fields import Numbers
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
+from softjax.mapping import over_impacts
 from softjax.numerics.gauss import integrate
 from softjax.numerics.powers import quotient, safe_sqrt
 from softjax.numerics.quadrature import (
@@ -40,7 +40,6 @@ from softjax.numerics.roots import Reach, implicit_root
 
 MOST_STEPS = 60  # of Newton's method; a handful, but for halving next to a force that vanishes
 ELASTIC_NODES = 32
-ROUNDING = 4.0  # in eps: ε_p² of an elastic collision
 
 
 def elastic_duration(exponent: float, y: Numbers) -> Numbers:
@@ -49,7 +48,9 @@ def elastic_duration(exponent: float, y: Numbers) -> Numbers:
     return 2 * half * y ** (2 / exponent - 1)
 
 
-def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False) -> Collision:
+def in_closed_form(
+    law: ReducedClosedForm, y, speed_ratio, *, clock=False, force=False
+) -> Collision:
     """Collisions beyond the elastic stage of a law that knows them, arrays of impacts."""
     largest = law.largest_velocity()
     turns = y < largest
@@ -63,11 +64,13 @@ def in_closed_form(law: ReducedClosedForm, y, below, *, clock=False, force=False
     back = Rebound(_share(work, velocity))
     if clock:
         back = back._replace(time=_closed_duration(law, peak, end))
-    collision = outcome.assemble(law, peak, end, back, _gain(y), force)
-    return outcome.unlifted(law, collision, below)
+    collision = outcome.assemble(law, peak, end, back, _gain(law, y), force)
+    return outcome.undo_rescaling(law, collision, speed_ratio)
 
 
-def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=False) -> Collision:
+def by_quadrature(
+    law: ReducedRateIndependent, y, speed_ratio, *, clock=False, force=False
+) -> Collision:
     """A collision beyond the elastic stage by any law's forces, one impact."""
     peak = _loading(law, y)
     x_m = peak.overlap
@@ -81,12 +84,13 @@ def by_quadrature(law: ReducedRateIndependent, y, below, *, clock=False, force=F
     back = Rebound(part * work.value, error=part * work.error)
     if clock:
         back = back._replace(time=_duration(law, x_m, end.residual, end.recovered))
-    collision = outcome.assemble(law, peak, end, back, _gain(y), force)
-    return outcome.unlifted(law, collision, below)
+    collision = outcome.assemble(law, peak, end, back, _gain(law, y), force)
+    return outcome.undo_rescaling(law, collision, speed_ratio)
 
 
-def _gain(y: Numbers) -> float:
-    return ROUNDING * float(jnp.finfo(y.dtype).eps)
+def _gain(law: ReducedRateIndependent, y: Numbers) -> float:
+    """How far ε_p² of an elastic collision may exceed one."""
+    return law.rounding * float(jnp.finfo(y.dtype).eps)
 
 
 @jax.custom_jvp
@@ -178,8 +182,10 @@ def _loading(law: ReducedRateIndependent, y: Numbers) -> Peak:
     overlap = implicit_root(_solve, residual, slope)(law, energy, reach._replace(turns=turns))
     # those without an answer take another one, which comes half as far
     overlap = jnp.where(turns, overlap, 0.5 * reach.rough)
-    error = work_to(law, lax.stop_gradient(overlap)).error / energy
-    return Peak(overlap, y, reach.end, turns, error=error)
+    work = work_to(law, lax.stop_gradient(overlap))
+    # where no overlap has this work: a hard core takes it within a rounding error of its end
+    missed = jnp.abs(work.value - energy)
+    return Peak(overlap, y, reach.end, turns, error=(work.error + missed) / energy)
 
 
 def work_to(law: ReducedRateIndependent, x: Numbers) -> Integral:

@@ -32,7 +32,7 @@ class Fall(NamedTuple):
         top, bottom, span: x_m, x* and x_m - x*, each to its own precision.
         kinks: overlaps where the force has some, a vector.
         about_zero: whether the energy is integrated over the root of x instead of that of x - x*.
-        smooth: whether the force is known to vary alike over the whole of each stage.
+        smooth: the force has no kinks or flat parts inside of a stage; the step size is unbounded.
         reached: x'²/y² at the kinks, from the top, where it is known.
     """
 
@@ -55,8 +55,8 @@ def energies(fall: Fall, y: Array, route: Any) -> tuple[Array, Bool[Array, ""]]:
         place = _about_zero(fall, high, low) if fall.about_zero else _about_end(fall, high, low)
 
         def field(t, _):
-            x, recovered, pace = place(t)
-            return (2.5 * (pace * per_velocity) * (fall.force(x, recovered) * per_velocity),)
+            x, recovered, rate = place(t)
+            return (2.5 * (rate * per_velocity) * (fall.force(x, recovered) * per_velocity),)
 
         zero, one = jnp.zeros_like(y), jnp.ones_like(y)
         (gained,), solved = solve(field, zero, one, (zero,), route, smooth=fall.smooth)
@@ -104,7 +104,7 @@ def _depths(fall: Fall) -> Array:
 
 
 def _about_zero(fall: Fall, high, low):
-    """x, x_m - x and its pace on a way that is even in √x."""
+    """x, x_m - x and its rate on a way that is even in √x."""
     start, end = safe_sqrt(fall.top - high), safe_sqrt(fall.top - low)
     width = (low - high) / (start + end)
 
@@ -141,8 +141,8 @@ def times(rise: Fall, fall: Fall, y: Array, route: Any, save=None):
         solver got there.
     """
     branches = rise, fall
-    pulls = [1.25 * branch.force(branch.top, jnp.zeros_like(branch.top)) for branch in branches]
-    frequency = jnp.stack([jnp.sqrt(p / b.span) for p, b in zip(pulls, branches, strict=True)])
+    forces = [1.25 * branch.force(branch.top, jnp.zeros_like(branch.top)) for branch in branches]
+    frequency = jnp.stack([jnp.sqrt(p / b.span) for p, b in zip(forces, branches, strict=True)])
     halves, sure = zip(*map(partial(_halves, y, route), branches, frequency), strict=True)
     which: np.ndarray = np.repeat([0, 1], [len(ends) - 1 for ends in halves])
     places = jnp.stack([jnp.stack([branch.bottom, branch.span]) for branch in branches])
@@ -158,7 +158,7 @@ def times(rise: Fall, fall: Fall, y: Array, route: Any, save=None):
         start, end, branch, begins, (bottom, span), frequency, *at = chosen
         state = jax.tree.map(partial(jnp.where, begins), (1.0, 0.0), state)
 
-        def pull(x, recovered):
+        def force_at(x, recovered):
             """Of this branch; the other's force is computed at the peak, where it is a number."""
             rises = branch == 0
             upward = rise.force(*(jnp.where(rises, x, rise.top), jnp.where(rises, recovered, 0.0)))
@@ -167,7 +167,7 @@ def times(rise: Fall, fall: Fall, y: Array, route: Any, save=None):
             )
             return jnp.where(rises, upward, downward)
 
-        field = _angle_field(pull, bottom, span, frequency)
+        field = _angle_field(force_at, bottom, span, frequency)
 
         def eased(t, state):
             """Over the root of what is left of the way, in which half powers of x - x* are smooth."""
@@ -238,9 +238,9 @@ def _angle_field(force, bottom, span, frequency):
         sin, cos = _sine_cosine(half)
         radius = span * stretch
         left = jnp.clip(radius * cos, 0.0, span)
-        pull = 1.25 * force(bottom + left, span - left)
-        pull = pull / (frequency * frequency * radius)
-        turn = 2 / (1 + half * half) / (sin**2 + pull * cos)  # dφ/dh over dφ/d(Ω t)
-        return stretch * sin * (pull - cos) * turn, turn
+        acceleration = 1.25 * force(bottom + left, span - left)
+        acceleration = acceleration / (frequency * frequency * radius)
+        angle_rate = 2 / (1 + half * half) / (sin**2 + acceleration * cos)  # dφ/dh over dφ/d(Ω t)
+        return stretch * sin * (acceleration - cos) * angle_rate, angle_rate
 
     return field

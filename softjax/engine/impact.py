@@ -2,7 +2,7 @@
 
 The way of one call, `sj.restitution(law, velocity, route)`:
 
-    batching.batched           pads or cuts the batch; compiles, for its shapes and static fields,
+    compiling.batched          pads or cuts the batch; compiles, for its shapes and static fields,
       collisions               this file: `prepare`, a collision of each impact, `results` with ε and the status
         route.collide          takes `law.reduced_at(velocity)`: forces and velocities without units
           in_closed_form       of arrays, where the law knows its peak, release and work; else one impact by
@@ -24,12 +24,12 @@ import numpy as np
 
 from softjax.checks import ArgumentError
 from softjax.engine.energy import elastic_duration
-from softjax.engine.outcome import Collision, flagged, stated
+from softjax.engine.outcome import Collision, Requested, flagged, stated
 from softjax.fields import Flags, Numbers, is_array, is_float, shared_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.forces import answer
 from softjax.numerics.powers import safe_power, safe_sqrt
-from softjax.numerics.roots import where_needed
+from softjax.numerics.roots import compute_if_any
 from softjax.status import Status
 
 
@@ -122,17 +122,17 @@ def _some_velocity(law: ContactLaw):
     return jnp.where((limit > 0) & jnp.isfinite(limit), 2 * limit, scale)
 
 
-def collisions(parameters, velocity, output: Callable, requested: str | None):
+def collisions(parameters, velocity, output: Callable, requested: Requested):
     """`output(impact, collision, requested)`: elastic impacts by a power law, others by the route; in SI.
 
     Args:
         parameters: law and route.
-        requested: "overlaps", "duration", "force" or None.
+        requested: what is computed besides ε, ε_p and the status.
     """
     law, route = parameters
     impact = prepare(law, velocity)
     law = impact.law
-    clock, force = requested == "duration", requested == "force"
+    clock, force = requested.duration, requested.force
     if isinstance(law, RateIndependentLaw) and law.never_yields:
         collision = elastic_collisions(impact, clock, force)
     elif isinstance(law, HardSphereLaw):
@@ -163,7 +163,7 @@ def elastic_collisions(impact: Impact, clock: bool, force: bool) -> Collision:
     moving = jnp.where(impact.velocity > 0, y, 1.0)
 
     def power(of: float):
-        return where_needed(lambda y: safe_power(y, of), impact.elastic, y)
+        return compute_if_any(lambda y: safe_power(y, of), impact.elastic, y)
 
     return stated(
         one,
@@ -174,7 +174,7 @@ def elastic_collisions(impact: Impact, clock: bool, force: bool) -> Collision:
     )
 
 
-def judged(impact: Impact, collision: Collision):
+def restitution_and_status(impact: Impact, collision: Collision):
     """ε² and the status."""
     v, elastic = impact.velocity, impact.elastic
     squared, at_limit = impact.law.total_restitution(collision.energy, v, elastic)
@@ -189,9 +189,9 @@ def judged(impact: Impact, collision: Collision):
     return squared, jnp.where(impact.valid, flags, jnp.int32(int(Status.INVALID_INPUT)))
 
 
-def results(impact: Impact, collision: Collision, requested: str | None = None):
+def results(impact: Impact, collision: Collision, requested: Requested):
     """ε, ε_p, largest and residual overlap [m] and the status."""
-    squared, status = judged(impact, collision)
+    squared, status = restitution_and_status(impact, collision)
     turns = (collision.flags & int(Status.NO_TURNING_POINT)) == 0
     answered = impact.valid & collision.answered
 
@@ -202,7 +202,7 @@ def results(impact: Impact, collision: Collision, requested: str | None = None):
     return (
         jnp.where(answered, safe_sqrt(squared), 0.0),
         jnp.where(answered, safe_sqrt(collision.energy), 0.0),
-        in_metres(collision.peak) if requested == "overlaps" else None,
-        in_metres(collision.residual) if requested == "overlaps" else None,
+        in_metres(collision.peak) if requested.overlaps else None,
+        in_metres(collision.residual) if requested.overlaps else None,
         status,
     )

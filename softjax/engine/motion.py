@@ -5,6 +5,19 @@ rate-independent law loading is integrated as what it differs from an elastic co
 law begins as one (`encke`), else in the phase plane (`phase`), stage by stage between its kinks;
 unloading as a fall (`falls`). Of a rate-dependent law all is integrated in the phase plane of its
 elastic power law: up to the peak, and on to where the overlap vanishes, or to where the force does.
+
+The scales of `softjax.laws.reduced` make x'' = -(5/4) p of M δ'' = -P. A linear spring with a dashpot of the
+fraction ξ of critical damping rebounds at ε = exp(-π ξ/√(1 - ξ²)), the half for ξ = 0.21545:
+
+>>> import jax.numpy as jnp
+>>> import softjax as sj
+>>> sj.enable_x64()
+>>> from softjax.engine.motion import rate_dependent
+>>> from softjax.laws.dashpots import ReducedLinearDashpot
+>>> law = ReducedLinearDashpot(jnp.asarray(0.2154537), "zero-overlap")
+>>> hit = rate_dependent(law, jnp.asarray(1.0), None, sj.ODE(), clock=True)
+>>> print(f"{hit.energy**0.5:.5f} {hit.duration:.5f}")  # π/√(1 - ξ²)
+0.50000 3.21715
 """
 
 from typing import Any, NamedTuple
@@ -21,16 +34,21 @@ from softjax.engine.outcome import (
     Peak,
     Rebound,
     UnloadingEnd,
-    flagged,
     loading_kinks,
     unloading_kinks,
 )
 from softjax.engine.phase import PARTING, PEAK, TOUCH, Plane, States
 from softjax.fields import Flags, Numbers
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateDependent, ReducedRateIndependent
-from softjax.numerics.derivatives import along_active
-from softjax.numerics.roots import implicit_root, largest, parabolic_step, reach, refine
-from softjax.status import Status
+from softjax.numerics.derivatives import differentiate_active_inputs
+from softjax.numerics.roots import (
+    chebyshev_shares,
+    implicit_root,
+    largest_of_samples,
+    parabolic_step,
+    reach,
+    refine,
+)
 
 RESIDUAL_STEPS = 16  # from the peak; the worst of 400 000 cases needed 13
 ROUNDING = 8.0  # a step this many times the rounding error was the last
@@ -40,11 +58,15 @@ ROUGH = 4e-3  # of a user's forces, of which a few steps make an error that noth
 # How far ε_p² of an elastic collision may be off, in tolerances; of forces that are far from the
 # power law of the phase plane most, 85 at the default. Of fixed steps the tolerance is a guess.
 DAMPED_GAIN = 100.0
+PUSHES = 1e-6  # of the elastic force: rounding of a force that damping cancels but for a small rest
+WORK_NODES, DISAGREES = (
+    256,
+    1e-3,
+)  # a check of the energy by the forces' works, and the share it may be off
 DAMPED_UNKNOWN = 1e-4
-FORCE_NODES = 33  # of the polynomial through the force on loading
 
 
-def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+def rate_independent(law, y, speed_ratio, route: Any, *, clock=False, force=False) -> Collision:
     """One collision beyond the elastic stage."""
     peak = _loading(law, y, route)
     unloaded, fall = _unloading(law, peak.overlap)
@@ -53,8 +75,36 @@ def rate_independent(law, y, below, route: Any, *, clock=False, force=False) -> 
     if clock:
         both, arrived = falls.times(_rise(law, peak.overlap, y), fall, y, route)
         back = back._replace(solved=solved & arrived, time=sum(both))
+    if not isinstance(law, ReducedClosedForm):
+        off = _work_off(law, peak, unloaded, y, back.energy)
+        peak = peak._replace(
+            error=jnp.where(off > DISAGREES + 10 * _gain(law, route, y.dtype), off, 0.0)
+        )
     collision = outcome.assemble(law, peak, unloaded, back, _gain(law, route, y.dtype), force)
-    return outcome.unlifted(law, collision, below)
+    return outcome.undo_rescaling(law, collision, speed_ratio)
+
+
+def _work_off(law, peak: Peak, unloaded: UnloadingEnd, y: Numbers, energy: Numbers) -> Numbers:
+    """What the works of both forces differ from the energies by that were integrated, over the impact's.
+
+    Steps may cross what a force does between their stages. Works are sums at fixed places over the angle φ of
+    x = x_m sin²φ, in which forces of contacts are smooth; none is differentiated.
+    """
+    law, peak, unloaded, energy = jax.lax.stop_gradient((law, peak, unloaded, energy))
+    width = 0.5 * np.pi / WORK_NODES
+    angles = width * (np.arange(WORK_NODES) + 0.5)
+    share = jnp.asarray(np.sin(angles) ** 2, y.dtype)
+    weight = jnp.asarray(2 * np.sin(angles) * np.cos(angles) * width, y.dtype)
+    loaded = peak.overlap * jnp.sum(weight * jax.vmap(law.loading)(peak.overlap * share))
+    rest = unloaded.recovered * share
+    back = jax.vmap(
+        lambda rest: law.unloading_at(
+            outcome.inside(unloaded.residual, rest), unloaded.recovered - rest, peak.overlap
+        )
+    )(rest)
+    returned = unloaded.recovered * jnp.sum(weight * back)
+    part = 2.5 * (1 / y) * (1 / y)
+    return jnp.maximum(jnp.abs(part * loaded - 1), jnp.abs(part * returned - energy))
 
 
 def history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):
@@ -83,7 +133,7 @@ def _gain(law, route: Any, dtype) -> Numbers:
     return GAIN * route.error(UNKNOWN if isinstance(law, ReducedClosedForm) else ROUGH, dtype)
 
 
-def _followed(law: ReducedClosedForm, peak: Numbers) -> UnloadingEnd:
+def residual_by_newton(law: ReducedClosedForm, peak: Numbers) -> UnloadingEnd:
     """x* of a smooth unloading force, by third-order steps down from the peak."""
 
     def force(r, peak, law):
@@ -113,7 +163,7 @@ def _begins_elastic(law: ReducedRateIndependent) -> bool:
 def _loading(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
     loaded = encke.loading if _begins_elastic(law) else _staged
     impact = law.on_loading(), y, route
-    return loaded(*impact) if route.by_reverse else along_active(loaded, *impact)
+    return loaded(*impact) if route.by_reverse else differentiate_active_inputs(loaded, *impact)
 
 
 def _staged(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
@@ -122,17 +172,17 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
     length, m = reach.rough, round(2 * law.work_exponent)
     unit = 1.25 * (length / y) / y
 
-    def pull(X):
+    def force(X):
         """The force over M V²/L, no farther than the law goes."""
         return unit * law.loading(jnp.minimum(X * length, reach.end))
 
     smooth = isinstance(law, ReducedClosedForm)
     kinks = jnp.sort(loading_kinks(law, y)) / length
-    X, U, passed = _passed(pull, kinks, y, route, smooth)
+    X, U, passed = _passed(force, kinks, y, route, smooth)
     above = X if smooth else X * (1 + INSIDE)
 
     def excess(X, _):
-        return pull(jnp.maximum(X, above)) - phase.circle_force(m, X)
+        return force(jnp.maximum(X, above)) - phase.circle_force(m, X)
 
     plane = Plane(excess, m, bounded=True, smooth=smooth)
     states = phase.at_touch(y, clock=False)
@@ -150,7 +200,7 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
     return Peak(overlap, y, reach.end, turns, solved, jnp.zeros_like(y))
 
 
-def _passed(pull, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers, Flags]:
+def _passed(force, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers, Flags]:
     """X and U at the last kink before the peak, and whether the solver got there."""
     zero, one = jnp.zeros_like(y), jnp.ones_like(y)
     if not len(kinks):
@@ -163,7 +213,7 @@ def _passed(pull, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers,
         def field(t, _):
             # half powers of the overlap above the last kink are smooth over the root of it
             x = start + width * (t * t if smooth else jnp.minimum(t * t, 1 - INSIDE))
-            return (-2 * pull(x) * 2 * width * t,)
+            return (-2 * force(x) * 2 * width * t,)
 
         (lost,), solved = solve(field, zero, one, (zero,), route, smooth=smooth)
         passes = going & (energy + lost > 0) & (jnp.isfinite(lost))
@@ -191,7 +241,7 @@ def _rise(law, top: Numbers, y: Numbers) -> Fall:
 def _unloading(law, top: Numbers) -> tuple[UnloadingEnd, Fall]:
     """Where unloading from the peak ends, and the fall from there."""
     closed = isinstance(law, ReducedClosedForm)
-    end = outcome.unloading_end(law, top, _followed if closed else outcome.searched)
+    end = outcome.unloading_end(law, top, residual_by_newton if closed else outcome.searched)
     fall = Fall(
         force=lambda x, recovered: law.unloading_at(x, recovered, top),
         top=top,
@@ -218,13 +268,20 @@ class _Scene(NamedTuple):
 
     def ends(self, peak: States, route: Any, save=None):
         """The end of the contact, or samples on the way there."""
+        shares = None if save is None else phase.samples(PEAK, PARTING, save)
         if self.law.ends_at == "zero-overlap":
-            save = None if save is None else phase.samples(PEAK, PARTING, save)
-            return phase.over_angle(self.plane, peak, PARTING, route, save)
+            return phase.over_angle(self.plane, peak, PARTING, route, shares)
 
         if save is None and route.by_reverse:
             return _again_over_angle(self.law, self.y, peak, route)
-        return phase.to_zero_force(self.plane, self.ratio, peak, route, save)
+        end, arrived = phase.to_zero_force(self.plane, self.ratio, peak, route, save)
+        # a force that pushes all the way vanishes with the overlap, and may come so near to 0 before (Hunt and
+        # Crossley's 1 + d δ' is e^{-d v}) that nothing falls any more
+        parting, parted = phase.over_angle(self.plane, peak, PARTING, route, shares, idle=arrived)
+        g = self.ratio(*phase.position(self.plane.m, parting))
+        pushes = ~arrived & parted & jnp.all(g >= -PUSHES)
+        end = jax.tree.map(lambda a, b: jnp.where(pushes, a, b), parting, end)
+        return end, arrived | pushes
 
     def ratio(self, X, U):
         """The force over the elastic one."""
@@ -256,8 +313,8 @@ def _again_over_angle(law: ReducedRateDependent, y: Numbers, peak: States, route
 
         there, moved = jax.jvp(over_angle, impact, changes)
         scene = _scene(*impact[:2])
-        along, falls = phase.falling(scene.plane, scene.ratio, way, there.radius)
-        later = -moved.way * (1 - way) / jnp.where(falls < 0, falls, -1.0)
+        along, slope = phase.ratio_and_rates(scene.plane, scene.ratio, way, there.radius)
+        later = -moved.way * (1 - way) / jnp.where(slope < 0, slope, -1.0)
         with_clock = None if end.clock is None else moved.clock + along[1] * later
         return end, States(later, moved.radius + along[0] * later, with_clock)
 
@@ -272,10 +329,10 @@ def _scene(law: ReducedRateDependent, y: Numbers) -> _Scene:
     length, turns = y ** (2 / k), y == y
     is_power = type(law).elastic is ReducedRateDependent.elastic and m == 2 * k
     if not is_power:
-        still, pace = jax.tree.map(jax.lax.stop_gradient, (law, y))
-        alone = reach(still.elastic, 0.4 * pace * pace, pace ** (2 / k))
+        fixed, speed = jax.tree.map(jax.lax.stop_gradient, (law, y))
+        elastic = reach(fixed.elastic, 0.4 * speed * speed, speed ** (2 / k))
         # damping may hold what the elastic force alone would not
-        length, turns = jnp.where(alone.turns, alone.rough, length), alone.turns
+        length, turns = jnp.where(elastic.turns, elastic.rough, length), elastic.turns
     unit = 1.25 * (length / y) / y
 
     def excess(X, U):
@@ -287,7 +344,7 @@ def _scene(law: ReducedRateDependent, y: Numbers) -> _Scene:
     return _Scene(law, y, length, turns, Plane(excess, m))
 
 
-def rate_dependent(law, y, below, route: Any, *, clock=False, force=False) -> Collision:
+def rate_dependent(law, y, speed_ratio, route: Any, *, clock=False, force=False) -> Collision:
     """One collision at y > 0."""
     scene = _scene(law, y)
     peak, reached = phase.over_angle(scene.plane, phase.at_touch(y, clock), PEAK, route)
@@ -298,49 +355,36 @@ def rate_dependent(law, y, below, route: Any, *, clock=False, force=False) -> Co
         time = jnp.where(ends, end.clock * (scene.length / y), 0.0)
         collision = collision._replace(duration=time)
     if force:
-        pull = jnp.where(collision.answered, _largest_force(scene, route), 0.0)
-        collision = collision._replace(force=pull)
-    return outcome.unlifted(law, collision, below)
+        largest = jnp.where(collision.turns, _largest_force(scene, route), 0.0)
+        collision = collision._replace(force=largest)
+    return outcome.undo_rescaling(law, collision, speed_ratio)
 
 
 def _assembled(scene: _Scene, peak: States, end: States, arrived, route) -> Collision:
     far, _ = phase.position(scene.plane.m, peak)
     left, speed = phase.position(scene.plane.m, end)
     solved = arrived & jnp.isfinite(speed)
-    stays = solved & (scene.law.ends_at == "zero-force")
-    gains = speed * speed > 1 + DAMPED_GAIN * route.error(DAMPED_UNKNOWN, speed.dtype)
-    conditions = {
-        Status.ENERGY_GAIN: solved & gains,
-        Status.NO_TURNING_POINT: ~(solved | scene.turns),
-        Status.SOLVER_FAILED: ~solved,
-    }
-    return Collision(
-        energy=jnp.where(solved, speed * speed, 0.0),
-        peak=jnp.where(solved, far * scene.length, 0.0),
+    zero_force = scene.law.ends_at == "zero-force"
+    stays = solved & zero_force & (end.way < PARTING)
+    rests = not zero_force and jnp.abs(speed) <= float(jnp.finfo(speed.dtype).eps)
+    return outcome.damped(
+        energy=speed * speed,
+        peak=far * scene.length,
         residual=jnp.where(stays, left * scene.length, 0.0),
-        flags=flagged(conditions),
+        solved=solved,
+        turns=scene.turns,
+        endless=rests,
+        gain=DAMPED_GAIN * route.error(DAMPED_UNKNOWN, speed.dtype),
     )
 
 
 def _largest_force(scene: _Scene, route: Any) -> Numbers:
-    """That of loading, where the bodies approach: of the polynomial through Chebyshev's points."""
-    dtype = scene.y.dtype
-    nodes = np.sin(np.linspace(0, 0.5 * np.pi, FORCE_NODES)) ** 2
-    weights = (-1.0) ** np.arange(FORCE_NODES)
-    weights[[0, -1]] *= 0.5
-    nodes, weights = nodes.astype(dtype), weights.astype(dtype)
+    """That of loading, where the bodies approach."""
     touch = phase.at_touch(scene.y, clock=False)
-    states, _ = phase.over_angle(scene.plane, touch, PEAK, route, nodes)
+    shares = chebyshev_shares(scene.y.dtype)
+    states, _ = phase.over_angle(scene.plane, touch, PEAK, route, shares)
     X, U = phase.position(scene.plane.m, states)
-    force = jax.vmap(scene.law.force)(X * scene.length, U * scene.y)
-
-    def between(share):
-        away = share - nodes
-        at = jnp.argmin(jnp.abs(away))
-        parts = weights / jnp.where(away == 0, 1.0, away)
-        return jnp.where(away[at] == 0, force[at], jnp.sum(parts * force) / jnp.sum(parts))
-
-    return largest(between, jnp.ones_like(scene.y))
+    return largest_of_samples(jax.vmap(scene.law.force)(X * scene.length, U * scene.y))
 
 
 def damped_history(law, y, route: Any, fractions: tuple[np.ndarray, np.ndarray]):

@@ -1,7 +1,26 @@
 """What a collision comes to: its parts, how a rate-independent one is put together, and where it ends.
 
 A route computes `Peak`, `UnloadingEnd` and `Rebound`; `assemble` makes a `Collision` of them with the hooks
-of the law: where loading ends, what remains, whether the unloading force vanishes, its range.
+of the law: where loading ends, what remains, whether the unloading force vanishes, its range. Reduced,
+
+    W_L(x_m) = (2/5) y²,    p_U(x*; x_m) = 0,    ε_p² = W_U/((2/5) y²).
+
+A spring p = (4/5) x that unloads along (4/5) (x_m - 4 (x_m - x)) has x_m = y, x* = 3/4 y and ε_p = 1/2:
+
+>>> import jax.numpy as jnp
+>>> import softjax as sj
+>>> from softjax.engine import outcome
+>>> class Spring(sj.ReducedRateIndependent):
+...     work_exponent, elastic_limit = 2.0, 0.0
+...     def loading(self, x):
+...         return 0.8 * x
+...     def unloading(self, x, peak):
+...         return 0.8 * (peak - 4 * (peak - x))
+>>> end = outcome.unloading_end(Spring(), jnp.asarray(2.0), outcome.searched)
+>>> peak = outcome.Peak(jnp.asarray(2.0), jnp.asarray(2.0), jnp.inf, jnp.asarray(True))
+>>> hit = outcome.assemble(Spring(), peak, end, outcome.Rebound(jnp.asarray(0.25)), gain=0.0)
+>>> print(f"{hit.energy} {hit.residual:.3f} {hit.flags}")
+0.25 1.500 0
 """
 
 import math
@@ -14,13 +33,14 @@ import jax.numpy as jnp
 from softjax.fields import Flags, Numbers
 from softjax.laws.reduced import ReducedClosedForm, ReducedRateIndependent
 from softjax.numerics.powers import safe_power
-from softjax.numerics.roots import Reach, largest, last_zero, named, reach
+from softjax.numerics.roots import Reach, largest, last_zero, mark_for_checkpoint, reach
 from softjax.status import Status
 
 JUMP = 1e-3  # of the peak force: what is left of a force that vanishes there, but for a jump
 STRAIGHT = 1e-3  # a force that falls by less than this share of its mean slope has none at its zero
 SETTLED = {"float64": 1e-10, "float32": 1e-5}  # of the impact's energy
-UNANSWERED = int(Status.NO_TURNING_POINT | Status.SOLVER_FAILED)
+NO_PEAK = int(Status.NO_TURNING_POINT | Status.SOLVER_FAILED)
+UNANSWERED = NO_PEAK | int(Status.NO_END)
 
 
 class Units(NamedTuple):
@@ -30,6 +50,14 @@ class Units(NamedTuple):
     overlap: Numbers
     velocity: Numbers
     force: Numbers
+
+
+class Requested(NamedTuple):
+    """What is to be known of a collision besides ε, ε_p and the status."""
+
+    overlaps: bool = False
+    duration: bool = False
+    force: bool = False
 
 
 class Collision(NamedTuple):
@@ -52,8 +80,13 @@ class Collision(NamedTuple):
     force: Numbers | None = None
 
     @property
+    def turns(self) -> Flags:
+        """Whether the bodies come to rest, and the solver got there: there is a largest overlap and force."""
+        return (self.flags & NO_PEAK) == 0
+
+    @property
     def answered(self) -> Flags:
-        """Whether the bodies come to rest, and the solver got there."""
+        """Whether the bodies come to rest and part again, and the solver got there."""
         return (self.flags & UNANSWERED) == 0
 
     def scaled(self, units: Units) -> "Collision":
@@ -89,21 +122,30 @@ def stated(energy: Numbers, peak, residual, duration=None, force=None) -> Collis
     )
 
 
-def slow_units(law, collision: Collision, below: Numbers) -> Units:
-    """Of slow impacts over the lifted ones that they stand for, by the power law near rest.
+def slow_units(law, collision: Collision, speed_ratio: Numbers) -> Units:
+    """Units of slow impacts over those of the faster ones that are computed for them, by the power law near rest.
 
     Args:
-        below: y over that of the lifted impact.
+        speed_ratio: y over that of the faster impact.
     """
     answered = collision.answered
-    far = safe_power(below, 2 / law.exponent_at(jnp.where(answered, collision.peak, 1.0)))
+    far = safe_power(speed_ratio, 2 / law.exponent_at(jnp.where(answered, collision.peak, 1.0)))
     overlap = jnp.where(answered, far, 1.0)
-    return Units(far / jnp.where(below > 0, below, 1.0), overlap, below, below * below / overlap)
+    return Units(
+        far / jnp.where(speed_ratio > 0, speed_ratio, 1.0),
+        overlap,
+        speed_ratio,
+        speed_ratio**2 / overlap,
+    )
 
 
-def unlifted(law, collision: Collision, below: Numbers | None) -> Collision:
-    """The collision of the impact itself, from that of the lifted one."""
-    return collision if below is None else collision.scaled(slow_units(law, collision, below))
+def undo_rescaling(law, collision: Collision, speed_ratio: Numbers | None) -> Collision:
+    """The collision of the impact itself, from that of the faster one."""
+    return (
+        collision
+        if speed_ratio is None
+        else collision.scaled(slow_units(law, collision, speed_ratio))
+    )
 
 
 class Peak(NamedTuple):
@@ -195,6 +237,35 @@ def assemble(
     )
 
 
+def damped(
+    energy,
+    peak,
+    residual,
+    solved: Flags,
+    turns: Flags,
+    gain: Numbers,
+    endless: Flags | bool = False,
+) -> Collision:
+    """A collision of a rate-dependent law, from where its branches end; zero where the solver gave up.
+
+    Args:
+        energy: ε_p².
+        turns: whether the bodies come to rest at all.
+        gain: how far ε_p² may exceed one by the tolerance.
+        endless: whether the overlap creeps to zero, at which the contact ends, and never gets there.
+    """
+    endless = solved & endless
+    energy = jnp.where(endless, 0.0, energy)
+    conditions = {
+        Status.NO_END: endless,
+        Status.ENERGY_GAIN: solved & (energy > 1 + gain),
+        Status.NO_TURNING_POINT: ~(solved | turns),
+        Status.SOLVER_FAILED: ~solved,
+    }
+    energy, peak, residual = (jnp.where(solved, x, 0.0) for x in (energy, peak, residual))
+    return Collision(energy, peak, residual, flagged(conditions))
+
+
 def loading_reach(law: ReducedRateIndependent, y: Numbers) -> Reach:
     """How far loading of one impact comes, roughly."""
     law, y = jax.tree.map(jax.lax.stop_gradient, (law, y))
@@ -203,7 +274,9 @@ def loading_reach(law: ReducedRateIndependent, y: Numbers) -> Reach:
     def force(x):
         return jnp.where(x <= end, law.loading(x), jnp.nan)
 
-    return jax.tree.map(named, reach(force, 0.4 * y * y, y ** (2 / law.work_exponent)))
+    return jax.tree.map(
+        mark_for_checkpoint, reach(force, 0.4 * y * y, y ** (2 / law.work_exponent))
+    )
 
 
 def loading_kinks(law: ReducedRateIndependent, like: Numbers) -> Numbers:
@@ -259,7 +332,7 @@ def searched(law: ReducedRateIndependent, peak: Numbers) -> UnloadingEnd:
 
     @root.defjvp
     def rule(params, tangents):
-        x, recovered = map(named, root(*params))
+        x, recovered = map(mark_for_checkpoint, root(*params))
         # where there is none, somewhere else: what is not used must be a number all the same
         exists = x > 0
         half = 0.5 * params[1]

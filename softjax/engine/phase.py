@@ -25,8 +25,8 @@ from softjax.engine.bridge import solve
 # there, and any power of it still a number. What happens before is less than rounding.
 EDGE = 1e-4
 TOUCH, PEAK, PARTING = EDGE - 1, 0.0, 1 - EDGE
-# Where the force vanishes the overlap runs away, instead of dividing by zero: of the circle's pace
-LEAST_PACE = 1e-6
+# Where the force vanishes the overlap runs away, instead of dividing by zero: of the circle's rate
+LEAST_RATE = 1e-6
 # A force may jump where the velocity changes its sign: each side of the peak is computed from its own
 ASIDE = 1e-14
 
@@ -38,7 +38,7 @@ class Plane(NamedTuple):
         excess: what the acceleration (over V²/L) of (X, U) exceeds that of the circle by, (k/2) X^{k-1}.
         m: 2k, a whole number, so that all powers here are products.
         bounded: whether the angle is kept from standing still, where the force vanishes.
-        smooth: whether the force is known to vary alike over the whole way.
+        smooth: the force has no kinks or flat parts; the step size is unbounded.
     """
 
     excess: Callable[[Array, Array], Array]
@@ -85,9 +85,9 @@ def at_touch(like: Array, clock: bool) -> States:
 
 def placed(m: int, X: Array, U: Array) -> States:
     """The state of a motion on the way to its peak, X > 0."""
-    height = X ** (0.25 * m)
-    radius = jnp.sqrt(height * height + U * U)
-    sine = (height / radius) ** (1 / m)
+    amplitude = X ** (0.25 * m)  # r sinθ
+    radius = jnp.sqrt(amplitude * amplitude + U * U)
+    sine = (amplitude / radius) ** (1 / m)
     cosine = U / radius / _root(sine * sine, m)
     return States(-cosine / (1 + sine), radius ** (1 / m))
 
@@ -99,9 +99,13 @@ def samples(start: float, end: float, fractions: np.ndarray) -> np.ndarray:
 
 
 def over_angle(
-    plane: Plane, states: States, end: float | Array, route: Any, save=None
+    plane: Plane, states: States, end: float | Array, route: Any, save=None, idle=None
 ) -> tuple[States, Bool[Array, ""]]:
-    """From there to another u, or at shares `save` of the way; and the solver's verdict."""
+    """From there to another u, or at shares `save` of the way; and the solver's verdict.
+
+    Args:
+        idle: where nothing is to be integrated.
+    """
     start = states.way
     stop, is_loading = jnp.full_like(start, end), isinstance(end, float) and end == PEAK
 
@@ -110,7 +114,7 @@ def over_angle(
         return rates(plane, u, state[0])[: len(state)]
 
     begin = (states.radius,) if states.clock is None else (states.radius, states.clock)
-    solution, solved = solve(field, start, stop, begin, route, save, smooth=plane.smooth)
+    solution, solved = solve(field, start, stop, begin, route, save, smooth=plane.smooth, idle=idle)
     way = stop if save is None else start + (stop - start) * save
     return States(way, *solution), solved
 
@@ -124,13 +128,13 @@ def rates(plane: Plane, u: Array, radius: Array) -> tuple[Array, Array]:
     excess = plane.excess(X, whole * cosine * root)
     # divided one by one: the product's square, which derivatives meet, would underflow
     push = excess / whole / (0.25 * m * fourth ** (m - 4))  # over θ' on the circle, (k/2) X^{k/2-1}
-    pace = 1 + push * sine**m  # θ' over that
+    rate = 1 + push * sine**m  # θ' over that
     if plane.bounded:
         # a force that pulls so hard that the angle would fall has no way over it: the solver gives up
-        pace = jnp.where(pace < -LEAST_PACE, jnp.nan, jnp.maximum(pace, LEAST_PACE))
-    turn = 2 / (1 + u * u) / (root * pace)  # dψ/du, and from ψ to θ but for a power of sinψ
-    lost = push * cosine * root * sine ** (m - 1) * turn
-    return -radius * lost, 4 * sine**3 * turn / radius ** (m - 4)
+        rate = jnp.where(rate < -LEAST_RATE, jnp.nan, jnp.maximum(rate, LEAST_RATE))
+    angle_rate = 2 / (1 + u * u) / (root * rate)  # dψ/du, and from ψ to θ but for a power of sinψ
+    lost = push * cosine * root * sine ** (m - 1) * angle_rate
+    return -radius * lost, 4 * sine**3 * angle_rate / radius ** (m - 4)
 
 
 def to_zero_force(
@@ -147,10 +151,10 @@ def to_zero_force(
 
     def field(_, state):
         u = jnp.minimum(_after(state[0]), PARTING)
-        along, falls = falling(plane, ratio, u, state[1])
+        along, slope = ratio_and_rates(plane, ratio, u, state[1])
         # where z does not fall the way leads nowhere: the solver is to give up
-        pace = -1 / jnp.where(falls < 0, falls, 0.0)
-        return tuple(pace * rate for rate in (jnp.ones_like(u), *along)[: len(state)])
+        rate = -1 / jnp.where(slope < 0, slope, 0.0)
+        return tuple(rate * part for part in (jnp.ones_like(u), *along)[: len(state)])
 
     begin = tuple(state for state in states if state is not None)
     way = jnp.maximum(first, ASIDE)  # a force that pulls at once ends the contact at its peak
@@ -158,7 +162,7 @@ def to_zero_force(
     return States(*solution), solved & jnp.all(jnp.isfinite(solution[0]))
 
 
-def falling(plane: Plane, ratio: Callable, u: Array, radius: Array):
+def ratio_and_rates(plane: Plane, ratio: Callable, u: Array, radius: Array):
     """What `rates` gives, and dz/du."""
     along = rates(plane, u, radius)
     of_state = lambda u, radius: ratio(*position(plane.m, States(u, radius)))  # noqa: E731

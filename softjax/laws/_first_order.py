@@ -141,7 +141,7 @@ def _expand_work(n, y, i, a, start):
 
 
 _peak_ratio = implicit_root(
-    third_order_root(_expand_work, lambda y, i, a, start: start, MOST_STEPS, short_steps=1),
+    third_order_root(_expand_work, lambda y, i, a, start: start, MOST_STEPS, first_steps=1),
     _work_residual,
 )
 

@@ -23,7 +23,7 @@ from softjax.checks import ArgumentError, check_choice, check_type
 from softjax.contact import Contact
 from softjax.fields import Flags, Numbers, are_valid, check_fields
 from softjax.laws.forces import KnownCollision, answer, reduced_by_forces
-from softjax.laws.reduced import ENDS, Reduced, Scales, hertz_scales, lifted
+from softjax.laws.reduced import ENDS, Reduced, Scales, hertz_scales, rescaled_slow
 from softjax.numerics.powers import quotient
 
 FORCES = ("loading_force", "unloading_force")
@@ -36,6 +36,9 @@ class ContactLaw(eqx.Module):
     and options a law has are dataclass fields, best declared (`softjax.fields`). The library's own
     laws are final (`class Law(RateIndependentLaw, final=True)`): a subclass with another force
     would inherit formulas that hold for the first one alone.
+
+    `jax.grad` differentiates every number; `equinox.filter_grad` takes arrays alone, so that fields that
+    are Python numbers have the derivative None there: give them as arrays, `jnp.asarray(0.9)`.
 
     Raises:
         ValueError: naming the field, its value and what is accepted; or a final law that is
@@ -98,7 +101,7 @@ class ForceLaw(ContactLaw):
         """Impacts at v > 0 [m/s] as the routes take them."""
         if not self.is_reduced():
             return reduced_by_forces(self, velocity)
-        return lifted(self.reduced(), self.scales(), velocity)
+        return rescaled_slow(self.reduced(), self.scales(), velocity)
 
     def force_scale(self, scales: Scales | None = None):
         """(5/4) M V²/L [N]."""

@@ -223,9 +223,9 @@ def reduced_by_forces(law, velocity: Numbers) -> Reduced:
     force = law.contact.stiffness * hertz.overlap * jnp.sqrt(hertz.overlap)
     least = float(jnp.finfo(velocity.dtype).tiny) ** LEAST
     slowest = jax.lax.stop_gradient(hertz.velocity * (least / force) ** (5 / 6))
-    lifted = jnp.maximum(velocity, slowest)
-    overlap, _ = hertz_scales_at(law.contact, lifted)
-    scales = Scales(jax.lax.stop_gradient(overlap), lifted)
+    faster = jnp.maximum(velocity, slowest)
+    overlap, _ = hertz_scales_at(law.contact, faster)
+    scales = Scales(jax.lax.stop_gradient(overlap), faster)
     unit = law.force_scale(scales)
     reduced: ForcesOfImpact | ForceOfImpact
     if hasattr(law, "loading_force"):
@@ -234,7 +234,7 @@ def reduced_by_forces(law, velocity: Numbers) -> Reduced:
         )
     else:
         acting = _differentiable(law, {"force": 2})
-        reduced = ForceOfImpact(acting, scales.overlap, lifted, unit)
+        reduced = ForceOfImpact(acting, scales.overlap, faster, unit)
     return Reduced(reduced, scales, jnp.ones_like(unit), jnp.minimum(velocity / slowest, 1.0))
 
 

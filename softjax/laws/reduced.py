@@ -47,14 +47,14 @@ class Reduced(NamedTuple):
         law: reduced.
         scales: its units.
         y: impact velocity over the velocity scale.
-        below: velocity over the one that y stands for, where squares of it would underflow; overlaps
+        speed_ratio: velocity over the one that y stands for, where squares of it would underflow; overlaps
             and times are scaled back by it. None: nowhere.
     """
 
     law: Any
     scales: Scales
     y: Numbers
-    below: Numbers | None = None
+    speed_ratio: Numbers | None = None
 
 
 class ReducedRateIndependent(eqx.Module):
@@ -67,11 +67,14 @@ class ReducedRateIndependent(eqx.Module):
     `powers_about` says at which overlap the unloading force is a series of half powers: √x, as
     Hertz's, or √(x - x*). By the ODE a law whose forces are given with their works is integrated
     in that root; all others in a variable that suits any power at either place.
+
+    `rounding` says how exact its works are: how many rounding errors ε_p² of an elastic collision may be off.
     """
 
     work_exponent: ClassVar[float] = 2.5
     elastic_limit: ClassVar[float] = 1.0
     powers_about: ClassVar[Origin] = "zero-overlap"
+    rounding: ClassVar[float] = 4.0
 
     @abstractmethod
     def loading(self, x: Numbers) -> Numbers:
@@ -102,7 +105,7 @@ class ReducedRateIndependent(eqx.Module):
         return None
 
     def exponent_at(self, peak: Numbers) -> Numbers | float:
-        """The exponent k of the law's work, with which slow impacts are distinguished from lifted ones."""
+        """The exponent k of the law's work, with which overlaps of slow impacts follow from those of faster ones."""
         return self.work_exponent
 
     def end(self) -> Numbers | float:
@@ -164,15 +167,15 @@ class ReducedRateDependent(eqx.Module):
         return self.elastic(x) + self.dissipative(x, velocity)
 
     def exponent_at(self, peak: Numbers) -> Numbers | float:
-        """The exponent k of the elastic work, with which slow impacts are distinguished from lifted ones."""
+        """The exponent k of the elastic work, with which overlaps of slow impacts follow from those of faster ones."""
         return self.work_exponent
 
 
-def lifted(law, scales: Scales, velocity: Numbers) -> Reduced:
-    """Impacts of a law in units that are the same for all, those lifted whose squares underflow.
+def rescaled_slow(law, scales: Scales, velocity: Numbers) -> Reduced:
+    """Impacts of a law in units that are the same for all, slow ones faster, whose squares would underflow.
 
     Laws without an elastic stage act down to rest; near it they follow their elastic power law, by
-    which overlaps and times of the lifted collision are scaled back.
+    which overlaps and times of the faster collision are scaled back.
     """
     y = velocity / scales.velocity
     if getattr(law, "elastic_limit", 0.0) > 0:

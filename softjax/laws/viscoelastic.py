@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from softjax.checks import as_real, check
 from softjax.contact import Contact
 from softjax.fields import Number, Numbers, number_field
 from softjax.laws._series import series, taylor
@@ -29,10 +30,11 @@ from softjax.laws.reduced import (
     ReducedRateDependent,
     Scales,
     hertz_motion,
+    hertz_scales,
     hertz_scales_at,
 )
 from softjax.numerics.powers import quotient, safe_sqrt
-from softjax.numerics.roots import where_needed
+from softjax.numerics.roots import compute_if_any, implicit_root
 
 UNIT = 1.25**0.4  # Hertz's largest overlap over (M v²/k)^{2/5}
 MEDIUM, STRONG = 5.0, 24.0  # ln w² up to which the series go
@@ -68,6 +70,31 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
 
     end: ClassVar[End] = "zero-force"
 
+    @classmethod
+    def from_restitution(
+        cls, contact: Contact, restitution: Number, velocity: Number
+    ) -> "ViscoelasticHertz":
+        """The law whose impacts at `velocity` [m/s] rebound with `restitution`, as a particle code asks for it.
+
+        A = w²/(3/2 (k/M)^{2/5} v^{1/5}), where w² is the root of the closed form ε(w²) = `restitution`.
+
+        Args:
+            contact: the two bodies.
+            restitution: ε in (0, 1], a number or an array, one an impact.
+            velocity: v > 0 [m/s], as `restitution`.
+
+        Raises:
+            ValueError: naming the argument, its value and what is accepted.
+        """
+        restitution, velocity = as_real(restitution), as_real(velocity, "m/s")
+        check("restitution", restitution, lambda e: (e > 0) & (e <= 1), "a number in (0, 1]")
+        check("velocity", velocity, lambda v: v > 0, "a positive velocity in m/s")
+        whole = hertz_scales(contact)
+        # (k/M)^{2/5} v^{1/5} is (5/4)^{2/5} (v/V)^{1/5} over R/V
+        pace = (jnp.asarray(velocity) / whole.velocity) ** 0.2
+        loss = _damping_of(jnp.asarray(restitution, pace.dtype))
+        return cls(contact, loss / (1.5 * UNIT * pace) * whole.time)
+
     def reduced(self) -> "ReducedViscoelastic":
         return _over(self, self.scales())
 
@@ -86,6 +113,40 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
             residual_overlap=motion.overlap / UNIT * collision.residual_overlap,
             duration=motion.time / UNIT * collision.duration,
         )
+
+
+LOWEST, HIGHEST = -40.0, 460.0  # ln w²: 1 - ε of 1e-17, and ε of 1e-333
+HALVINGS = 64
+
+
+def _bisected(restitution: Array) -> Array:
+    """ln w² of ε, which falls with it."""
+
+    def halve(_, ends):
+        low, high = ends
+        middle = 0.5 * (low + high)
+        is_above = _restitution(middle) > restitution
+        return jnp.where(is_above, middle, low), jnp.where(is_above, high, middle)
+
+    ends = jnp.full_like(restitution, LOWEST), jnp.full_like(restitution, HIGHEST)
+    low, high = jax.lax.fori_loop(0, HALVINGS, halve, ends)
+    return 0.5 * (low + high)
+
+
+def _restitution(log: Array) -> Array:
+    """ε of ln w²."""
+    weak = jnp.exp(jnp.minimum(log, 0.0))
+    return _collision(_damping(weak, jnp.exp(jnp.maximum(log, 0.0)))).coefficient
+
+
+_log_damping = implicit_root(_bisected, lambda log, restitution: _restitution(log) - restitution)
+
+
+def _damping_of(restitution: Array) -> Array:
+    """w² of ε; 0 of ε = 1."""
+    loses = restitution < 1
+    w_squared = jnp.exp(_log_damping(jnp.where(loses, restitution, 0.5)))
+    return jnp.where(loses, w_squared, 0.0)
 
 
 def _over(law: ViscoelasticHertz, scales: Scales) -> "ReducedViscoelastic":
@@ -155,7 +216,7 @@ def _weak(part: str, w_squared: Array, w: Array) -> Array:
 
 def _logarithm(part: str, log: Array, slope: float) -> Array:
     """Of ln w² > 0; beyond the series a straight line. Computed only where some impact needs it."""
-    return where_needed(partial(_beyond, part, slope), log > 0, log)
+    return compute_if_any(partial(_beyond, part, slope), log > 0, log)
 
 
 def _beyond(part: str, slope: float, log: Array) -> Array:

@@ -22,7 +22,7 @@ from softjax.laws._full import Full
 from softjax.laws.base import RateIndependentLaw
 from softjax.laws.empirical import PSI, SIGMA, loss_exponent
 from softjax.laws.reduced import Scales
-from softjax.numerics.roots import where_needed
+from softjax.numerics.roots import compute_if_any
 
 
 class Zhou(RateIndependentLaw, final=True):
@@ -85,7 +85,7 @@ class Zhou(RateIndependentLaw, final=True):
         """ε² by Eq. (16) above yield and Eq. (17) below, and whether v >= v_lim."""
         limit, critical = self.contact.limit_velocity, self.contact.critical_velocity
         limit, sigma, psi = (jnp.asarray(x) for x in (limit, self.sigma, self.psi))
-        below_yield = 1 + where_needed(_lost, elastic, velocity, limit, sigma, psi)
+        below_yield = 1 + compute_if_any(_lost, elastic, velocity, limit, sigma, psi)
         above_yield = plastic_squared + _lost(critical, limit, sigma, psi)  # Eq. (16)
         return jnp.where(elastic, below_yield, above_yield), velocity >= limit
 

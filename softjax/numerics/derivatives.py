@@ -1,4 +1,16 @@
-"""Matrices of derivatives, of single impacts and of those inputs alone that have a tangent."""
+"""Matrices of derivatives of one impact, by those of its inputs alone that have a tangent.
+
+Of a function f of numbers x_1 … x_p the rule ḟ = Σ_j (∂f/∂x_j) ẋ_j needs ∂f/∂x_j only where ẋ_j is no constant
+zero. `value_and_slopes` takes these columns forward, one tangent each in one pass; `value_and_gradients` takes the
+rows of the outputs in reverse. `contracted` is the sum over j.
+
+>>> import jax.numpy as jnp
+>>> from softjax.numerics.derivatives import contracted, value_and_slopes
+>>> energy = lambda mass, speed: 0.5 * mass * speed**2
+>>> value, slopes = value_and_slopes(energy, [1], jnp.asarray(2.0), jnp.asarray(3.0))  # by the speed: M v
+>>> print(value, slopes, contracted(slopes, jnp.array([0.5])))
+9.0 [6.] 3.0
+"""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -14,7 +26,7 @@ Single = Callable[..., Any]  # of leaves of one impact
 Shared = Sequence[bool]  # which leaves are the same for all impacts
 
 
-def along_active(f: Callable, *trees, slopes: Callable | None = None):
+def differentiate_active_inputs(f: Callable, *trees, slopes: Callable | None = None):
     """`f(*trees)` of one impact, differentiated along those of its leaves alone that have a tangent.
 
     A part of a collision would carry a tangent for each number of the law, zeros too: one that acts

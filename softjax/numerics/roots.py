@@ -11,6 +11,7 @@ be, so that nothing is missed because it lies far from where it was expected.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -32,8 +33,8 @@ SHRINKS = 0.8  # Newton steps that shrink less are lost; towards a zero of power
 SOLVED = "solved"  # what a reverse pass keeps: to solve again costs more than to fetch
 
 
-def named(x: Array) -> Array:
-    """Marked as solved."""
+def mark_for_checkpoint(x: Array) -> Array:
+    """Mark a solved number: a reverse pass that computes again keeps it."""
     return x if x.dtype == jax.dtypes.float0 else checkpoint_name(x, SOLVED)
 
 
@@ -54,7 +55,7 @@ def implicit_root(solve: Callable, residual: Callable, slope: Callable | None = 
 
     @root.defjvp
     def rule(params, tangents):
-        result = jax.tree.map(named, root(*params))
+        result = jax.tree.map(mark_for_checkpoint, root(*params))
         x = result[0] if isinstance(result, tuple) else result
         if slope is None:
             _, steep = jax.jvp(lambda x: residual(x, *params), (x,), (jnp.ones_like(x),))
@@ -72,15 +73,14 @@ def third_order_root(
     expand: Callable,
     start: Callable,
     most: int,
-    short_steps: int,
+    first_steps: int,
     finish: Callable = lambda x, change: x - change,
 ) -> Callable:
     """A function `solve(*params)` that finds a root above 0 by steps of third order, not differentiated.
 
     `expand(x, *params)` gives f, f' and f'' and `start(*params)` a value that is right to some
-    percent. The first `short_steps` are taken in float32, where they cost half; one more in full
-    precision leaves rounding error where it was small itself. Only if it was not for some element,
-    those go on by `refine`, from the rough value again.
+    percent. After `first_steps` one more leaves rounding error where it was small itself. Only if it was
+    not for some element, those go on by `refine`, from the rough value again.
 
     Args:
         finish: of (x, change) what `solve` returns, where the root is x - change and 1 - x has no
@@ -90,17 +90,16 @@ def third_order_root(
     @elementwise
     def solve(*params):
         dtype = params[0].dtype
-        short = tuple(param.astype(jnp.float32) for param in params)
-        rough = near = start(*params)
-        for _ in range(short_steps):
-            near = near - nearest_zero(*expand(near, *short))
-        near = jnp.where(jnp.isfinite(near), near, rough).astype(dtype)
+        rough = near = start(*params).astype(dtype)
+        for _ in range(first_steps):
+            near = near - nearest_zero(*expand(near, *params))
+        near = jnp.where(jnp.isfinite(near), near, rough)
         change = _halley(*expand(near, *params), otherwise=jnp.inf)  # no step at all: not done
         done = jnp.abs(change) <= _small(near) * jnp.abs(near)
 
         def mended(near, change, done, rough, params):
             step = lambda x: jnp.maximum(x - parabolic_step(*expand(x, *params)), 0.0)  # noqa: E731
-            begin = jnp.where(done, near, rough).astype(dtype)
+            begin = jnp.where(done, near, rough)
             # to the end: near a double root a step may be small and the root as near on either side
             x = refine(step, begin, ~done, most, settled=8 * float(jnp.finfo(dtype).eps))
             last = _halley(*expand(x, *params), otherwise=0.0)
@@ -135,7 +134,7 @@ def elementwise(f: Callable, mapped: Callable | None = None) -> Callable:
     return wrapped
 
 
-def where_needed(f: Callable, needed: Array, *values: Array) -> Array:
+def compute_if_any(f: Callable, needed: Array, *values: Array) -> Array:
     """f(*values), element by element, computed only if `needed` holds anywhere; else zeros.
 
     Differentiable to any order, and under `vmap` still computed only where some element needs it.
@@ -162,7 +161,7 @@ def where_needed(f: Callable, needed: Array, *values: Array) -> Array:
         changes = []
         for k, tangent in enumerate(tangents[1:]):
             if not isinstance(tangent, SymbolicZero):
-                slope = where_needed(_slope(f, k), *primals)
+                slope = compute_if_any(_slope(f, k), *primals)
                 changes.append(jnp.broadcast_to(tangent, slope.shape) * slope)
         return chosen(*primals), sum(changes[1:], start=changes[0])
 
@@ -436,8 +435,9 @@ def crossing(force: Callable[[Array], Array], inside: Array, outside: Array) -> 
 def last_zero(force: Callable[[Array, Array], Array], peak: Array) -> tuple[Array, Array]:
     """The first overlap below the peak at which the force is no longer positive.
 
-    Looked for at shares of the peak that come close to it, and to zero, by octaves; what a force
-    does between two of them and back again is not seen.
+    Looked for at shares of the peak that come close to it, and to zero, by octaves; between three of them
+    where the force is least in the middle its minimum is looked for, in case it vanishes there. What a force
+    does between two of them without any of that is not seen.
 
     Args:
         force: of the overlap x and of x_m - x.
@@ -447,7 +447,15 @@ def last_zero(force: Callable[[Array, Array], Array], peak: Array) -> tuple[Arra
     """
     near, far = (peak * jnp.asarray(part, peak.dtype) for part in _shares(peak.dtype))
     recovered, x = jnp.concatenate([near, peak - far]), jnp.concatenate([peak - near, far])
-    gone = ~(jax.vmap(force)(x, recovered) > 0)
+    at_shares = jax.vmap(force)(x, recovered)
+    lowest = _dip(force, peak, x, at_shares)
+    dips = ~(force(lowest, peak - lowest) > 0)
+    # in the place of the first share below it: its own neighbour above is where the force is positive
+    below = jnp.argmax(x < lowest)
+    replaced = dips & (jnp.arange(len(x)) == below)
+    x = jnp.where(replaced, lowest, x)
+    recovered = jnp.where(replaced, peak - lowest, recovered)
+    gone = ~(at_shares > 0) | replaced
     exists, first = jnp.any(gone), jnp.argmax(gone)
     before = jnp.maximum(first - 1, 0)
     # by halves of what is the smaller, so that each has all its digits
@@ -462,6 +470,40 @@ def last_zero(force: Callable[[Array, Array], Array], peak: Array) -> tuple[Arra
     part = crossing(pull, above, jnp.where(exists, below, above))
     x, recovered = jnp.where(is_near, peak - part, part), jnp.where(is_near, part, peak - part)
     return jnp.where(exists, x, 0.0), jnp.where(exists, recovered, peak)
+
+
+def _dip(force, peak: Array, x: Array, values: Array) -> Array:
+    """Where the force is least between two of its values that fall and rise again: the first it may vanish at.
+
+    By golden sections, or, where it falls all the way, the peak. The parabola through three values says where
+    the force may vanish; the first of these is taken, from the peak, else the one with the lowest parabola.
+    """
+    left, middle, right = values[:-2], values[1:-1], values[2:]
+    is_dip = (middle < left) & (middle <= right) & (right > 0) & (middle > 0)
+    first, second = x[1:-1] - x[:-2], x[2:] - x[1:-1]
+    rise, fall = (right - middle) / second, (middle - left) / first
+    bend = (rise - fall) / (first + second)
+    slope = (rise * first + fall * second) / (first + second)
+    vertex = middle - slope * slope / (4 * jnp.where(is_dip, bend, 1.0))
+    vertex = jnp.where(is_dip, vertex, jnp.inf)
+    may_vanish = vertex <= 0
+    at = jnp.where(jnp.any(may_vanish), jnp.argmax(may_vanish), jnp.argmin(vertex))
+    golden = 0.5 * (5**0.5 - 1)
+
+    def unfinished(state):
+        _, _, count = state
+        return count < SHORTENINGS
+
+    def shorten(state):
+        low, high, count = state
+        left, right = high - golden * (high - low), low + golden * (high - low)
+        rises = force(left, peak - left) < force(right, peak - right)
+        return jnp.where(rises, low, left), jnp.where(rises, right, high), count + 1
+
+    # no section where nothing dips
+    begin = jnp.where(jnp.any(is_dip), 0, SHORTENINGS)
+    low, high, _ = lax.while_loop(unfinished, shorten, (x[at + 2], x[at], begin))
+    return jnp.where(jnp.any(is_dip), 0.5 * (low + high), peak)
 
 
 def _shares(dtype) -> tuple[np.ndarray, np.ndarray]:
@@ -482,7 +524,8 @@ SAMPLES, SHORTENINGS = 33, 44  # of the way; golden sections from two of their g
 def largest(force: Callable[[Array], Array], end: Array) -> Array:
     """The largest force on the way from 0 to `end`, of arrays of ways element by element.
 
-    Inside of the way it is where the force is stationary, so its place need not be differentiated.
+    Inside of the way it is where the force is stationary: F'(x) = 0. There dF is that at a fixed place, and d²F
+    needs dx = -dF'/F'' of the place, which two of Newton's steps from a frozen one give (to third order).
     """
     shares = np.linspace(0, 1, SAMPLES) ** 2
     column = (-1,) + (1,) * jnp.ndim(end)
@@ -502,5 +545,40 @@ def largest(force: Callable[[Array], Array], end: Array) -> Array:
         return jnp.where(rises, left, low), jnp.where(rises, high, right)
 
     low, high = lax.fori_loop(0, SHORTENINGS, shorten, (low, high))
-    inside = lax.stop_gradient(force(0.5 * (low + high)) > force(still))
-    return force(jnp.where(inside, lax.stop_gradient(0.5 * (low + high)), end))
+    place = lax.stop_gradient(0.5 * (low + high))
+    inside = lax.stop_gradient(force(place) > force(still))
+    return force(jnp.where(inside, _stationary(force, place), end))
+
+
+def _stationary(force: Callable[[Array], Array], place: Array) -> Array:
+    """The place itself, with the derivatives of the zero of F' that it is near."""
+    frozen = place
+    for _ in range(2):
+        along = lambda f, x: jax.jvp(f, (x,), (jnp.ones_like(x),))[1]  # noqa: E731
+        slope = partial(along, force)
+        first, second = jax.jvp(slope, (place,), (jnp.ones_like(place),))
+        bent = second < 0
+        # where it is flat, or has a kink, the place stays
+        place = place - jnp.where(bent, first, 0.0) / jnp.where(bent, second, 1.0)
+    return frozen + (place - lax.stop_gradient(place))
+
+
+def chebyshev_shares(dtype) -> np.ndarray:
+    """Shares of a way at which samples make a polynomial through it."""
+    return (np.sin(np.linspace(0, 0.5 * np.pi, SAMPLES)) ** 2).astype(dtype)
+
+
+def largest_of_samples(values: Array) -> Array:
+    """The largest value of the polynomial through samples at `chebyshev_shares`, by its barycentric form."""
+    nodes = chebyshev_shares(values.dtype)
+    weights = (-1.0) ** np.arange(SAMPLES)
+    weights[[0, -1]] *= 0.5
+    weights = weights.astype(values.dtype)
+
+    def between(share):
+        away = share - nodes
+        at = jnp.argmin(jnp.abs(away))
+        parts = weights / jnp.where(away == 0, 1.0, away)
+        return jnp.where(away[at] == 0, values[at], jnp.sum(parts * values) / jnp.sum(parts))
+
+    return largest(between, jnp.ones_like(values[0]))

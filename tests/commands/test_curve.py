@@ -116,6 +116,18 @@ def test_each_option_of_a_law_acts(at, options):
     assert np.max(np.abs(column(at, 1) - plain)) > 1e-5
 
 
+def test_viscoelastic_spheres_by_one_restitution_at_one_velocity(at):
+    """ε of w²(v) = w² (v/1)^{1/5} by SciPy's integration is 0.8 at 1 m/s: Schwager and Poeschel's contact."""
+    words = ["nylon", "--law", "viscoelastic", "--restitution", "0.8"]
+    curve(*words, "--at", "1", "--from", "1", "--to", "8", "--points", "2", "--spacing", "lin")
+    assert column(at, 1)[0] == pytest.approx(0.8, abs=1e-12)
+    law = sj.ViscoelasticHertz.from_restitution(pair("nylon"), 0.8, 1.0)
+    agrees(at, law)
+    curve(*words, error="--restitution|--at V")
+    words[2] = "hertz"
+    curve(*words, "--at", "1", error="--restitution|left out with|viscoelastic")
+
+
 def test_a_file_may_fix_the_restitution_at_first_yield(at):
     text = f"{BODIES}[material.parameters]\nchi = 2.0\neps_up = 0.9\n"
     (at / "a.toml").write_text(text, encoding="utf-8")

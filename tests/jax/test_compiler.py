@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 import softjax as sj
-from softjax.batching import accepted  # the options that this version of JAX has
+from softjax.compiling import accepted  # the options that this version of JAX has
 from tests.cases import fitted
 
 SCRIPT = """

@@ -112,3 +112,16 @@ def test_short_weights_of_a_network_are_float32():
     assert found == pytest.approx([np.sqrt(0.5 * np.exp(-0.25))], rel=1e-6)
     with pytest.raises(ValueError, match=r"^`weights` must be finite numbers"):
         Net(jnp.asarray([0.5, np.inf], jnp.bfloat16))
+
+
+def test_strict_promotion_of_types_and_short_scalars():
+    """Numbers of several precisions under a setting that refuses to mix them; scalars keep theirs."""
+    short = sj.ConstantRestitution(None, np.float16(0.5))
+    assert sj.restitution(short, np.float16(1.0)).coefficient.dtype == np.float32
+    law = sj.Zhou(PAIR, np.float32(1.8), 3.0, 0.5)
+    expected = sj.restitution(ZHOU, np.array([1.0])).coefficient
+    with jax.numpy_dtype_promotion("strict"):
+        found = jax.jit(lambda law, v: sj.restitution(law, v).coefficient)(law, np.array([1.0]))
+        slope = jax.grad(lambda law: sj.restitution(law, np.array([1.0])).coefficient.sum())(law)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    assert np.isfinite(slope.chi)

@@ -66,6 +66,29 @@ def assert_solved(case, tolerance, route=None, ranges=None):
     assert np.array_equal(result.ok[:plain], np.isin(case.status, (0, 1)))
 
 
+def test_viscoelastic_spheres_by_one_restitution_at_one_velocity():
+    """The closed form turned around: ε of that A by the motion's Taylor series in mpmath."""
+    law = sj.ViscoelasticHertz.from_restitution(PAIR, np.array([0.8, 0.01]), 1.5)
+    for k, stated in enumerate((0.8, 0.01)):
+        values = numbers(law, 1.5) | {"dissipation_time": law.dissipation_time[k]}
+        with mp.workdps(30):
+            exact = laws_mp.viscoelastic(
+                {n: mp.mpf(float(x)) for n, x in values.items()}, alone=True
+            )
+        assert float(exact[0]) == pytest.approx(stated, rel=1e-11)
+    for wrong in ({"restitution": 1.5}, {"velocity": 0.0}):
+        with pytest.raises(ValueError, match=f"`{next(iter(wrong))}` must be"):
+            sj.ViscoelasticHertz.from_restitution(
+                **{"contact": PAIR, "restitution": 0.8, "velocity": 1.0} | wrong
+            )
+
+
+@mostly_long("name", WITH_FORCE, ["zhou", "hertz dashpot to zero-force"])
+def test_in_time_by_events(name):
+    """Shares the law alone with the other routes; looser tolerances would pass with an event that is missed."""
+    assert_solved(LAWS[name], 1e-8, sj.TimeODE(rtol=1e-11))
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_by_its_default_route(name):
     case = LAWS[name]

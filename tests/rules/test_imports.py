@@ -23,16 +23,18 @@ HEAVY = (
 
 # softjax in layers: a module imports from earlier layers, or from its own where that says so
 LAYERS = [
+    {"units"},
     {"checks", "engine", "numerics", "numerics.powers", "numerics.roots", "status"},
     {"fields", "numerics.derivatives", "numerics.gauss", "numerics.quadrature"},
     {"materials"},
     {"contact"},
-    {"batching"},
+    {"compiling"},
+    {"mapping"},
     {"laws"},
     {"engine.bridge"},
     {"engine.outcome", "engine.phase", "engine.falls"},
     {"engine.encke"},
-    {"engine.energy", "engine.motion"},
+    {"engine.energy", "engine.motion", "engine.in_time"},
     {"routes"},
     {"engine.impact"},
     {"restitution"},
@@ -41,7 +43,8 @@ LAYERS = [
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 ROUTES = {
     "energy": {"engine.energy", "numerics.quadrature"},
-    "ode": {f"engine.{name}" for name in ("motion", "bridge", "encke", "falls", "phase")},
+    "ode": {f"engine.{name}" for name in ("motion", "encke", "falls", "phase")},
+    "time": {"engine.in_time"},
 }
 
 
@@ -152,7 +155,9 @@ def test_routes_share_the_law_alone_one_file_talks_to_diffrax_and_calibration_us
     assert not any(list(imported(path, "calibration")) for path in SOFTJAX.values())
     for name, path in CALIBRATION.items():
         private = {part(one) for one in imported(path, "softjax")} & set(LEVEL)
-        assert private <= {"laws", "fields", "batching", "many_body"}, f"calibration.{name}"
+        assert private <= {"laws", "fields", "compiling", "many_body", "units"}, (
+            f"calibration.{name}"
+        )
 
 
 STAGES = """

@@ -41,7 +41,7 @@ from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
 from calibration.parameters import FROM_ABOVE, LOG, LOGIT, NONE, Transform
 from calibration.rounding import number
-from softjax.batching import QUICK, accepted
+from softjax.compiling import QUICK, accepted
 
 FACTOR = 2.0  # of a weak prior of what is positive, in its logarithm
 # of Zhou's law and Eq. (17): centre, None for the start, and spread

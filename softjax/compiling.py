@@ -1,12 +1,22 @@
-"""Pad, cut, compile and map: the one place that knows how many impacts there are.
+"""Compile functions of impacts for few sizes of batches, and compute batches in them.
 
-An impact is a function of single numbers, which `over_impacts` maps over a batch in one `vmap`: impacts
-in the axes of arrays, and those of a `vmap` of the caller's, are rows of the same program. A function
-of impacts is compiled for a few sizes of batches, to which concrete batches are padded, so that few
-programs are compiled and kept. Large batches are cut: one pass over a million impacts would
-write every intermediate to memory and fetch it from there again. Which programs there are depends on
-shapes, dtypes and static fields, never on values. Arrays that are spread over devices, or that belong
-to the caller's own traced program on several devices, are neither cut nor reshaped: so they stay spread.
+A batch of n impacts is padded to N, a power of two up to 256 and an eighth of one beyond, by copies of its
+last impact. N is 16 at least: so many different n share one compiled program that a file of measurements
+meets two or three. Up to 4096 impacts XLA optimises less (`SOONEST`, `QUICK`), because it takes longer to
+compile than to compute. From 2^18 impacts on a batch is cut into blocks of 2^17, one a thread, each of
+16 chunks of 8192: one pass over a million impacts would write every intermediate to memory and fetch it again.
+
+    n = 30 measurements                N = 32, computed as 32
+    n = 5000                           N = 5120: 5 eighths of 8192
+    n = 1 000 000                      8 blocks; the last begins at 1 000 000 - 131 072
+
+>>> from softjax.compiling import padded_size
+>>> [padded_size(n) for n in (16, 30, 257, 5000)]
+[16, 32, 320, 5120]
+
+Which programs there are depends on shapes, dtypes and static fields, never on values. Arrays that are spread
+over devices, or that belong to the caller's own traced program on several devices, are neither cut nor
+reshaped: so they stay spread. Inside of a program `softjax.mapping` takes one impact to many.
 """
 
 import math
@@ -19,20 +29,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.custom_batching import custom_vmap
-from jax.custom_derivatives import SymbolicZero
 
-from softjax.checks import ArgumentError, is_traced
+from softjax.checks import is_traced
 from softjax.fields import combine, partition, shared_leaves
-from softjax.numerics.derivatives import (
-    Shared,
-    Single,
-    contracted,
-    directions,
-    value_and_gradients,
-    value_and_slopes,
-)
-from softjax.numerics.roots import SOLVED, elementwise, named
+from softjax.numerics.derivatives import Shared
+from softjax.numerics.roots import SOLVED, elementwise
 
 # impacts in the smallest program: it takes a second to compile and an impact a microsecond
 LEAST = 16
@@ -43,12 +44,8 @@ SOON = 4096  # impacts that are computed sooner than a program that runs faster 
 CHUNK, CHUNKS = 8192, 16
 BLOCK = CHUNK * CHUNKS
 TRACED_CHUNK = 65_536  # in the caller's own program, whose kernels two cores share
-# A thread computes a block, so no kernel of it need be shared out among threads, which costs half as
-# much again; vectors twice as wide as XLA prefers take 0.8 of the time.
-ONE_THREAD = (
-    ("xla_cpu_prefer_vector_width", 512),
-    ("xla_disable_hlo_passes", "cpu-parallel-task-assigner"),
-)
+# Vectors twice as wide as XLA prefers: 10^6 impacts by the energy balance take 28 in place of 39 ms.
+WIDE = (("xla_cpu_prefer_vector_width", 512),)
 # Code is made an older way, kernel by kernel: two thirds of the time to compile, and for large
 # batches of the energy balance twice the time to run. Where few impacts are computed it pays.
 # LLVM's first level of optimisation takes another sixth of it off and costs a few percent at most.
@@ -61,13 +58,7 @@ KEPT = 32  # compiled functions, those that were used last
 # ODE; in blocks of 8192 0.23 µs an impact, where time steps gain nothing.
 SMALL, MEDIUM, LARGE = 256, 2048, 8192
 FROM = {LARGE: 32_768, MEDIUM: 8192}  # so many impacts on a size is worth compiling
-# Rows of impacts within a program: how many at a time.
-BY_REVERSE = 64  # impacts, each with all nodes of a quadrature, stay in the cache
-FORWARD = 2048  # impacts, each with its tangents counting as one more
-GRADIENTS = 512  # impacts, each with a long gradient: fewer take as long a step
-ON_GPU = 2**20  # impacts of any kind: thousands of threads wait for each other after every row
 SOLVED_KEPT = jax.checkpoint_policies.save_only_these_names(SOLVED)
-MANY = 7  # directions: of more, as of a network, derivatives are taken by reverse mode, which costs less
 
 
 @cache
@@ -138,10 +129,10 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
         return leaf if is_shared else np.asarray(leaf).reshape(())
 
     flat = list(map(flattened, leaves, many, shared))
-    if cut and count >= 2 * BLOCK and _on_cpu(home):
+    if cut and count >= 2 * BLOCK and on_cpu(home):
         results = _in_blocks(program, flat, tuple(many), count)
     else:
-        size = _size(max(count, LEAST))
+        size = padded_size(max(count, LEAST))
         padded = [filled(leaf, size) if m else leaf for leaf, m in zip(flat, many, strict=True)]
         compiled = _quick(size <= FINE) if size <= SOON else _compiled
         results = compiled(program, *jax.device_put(padded, home))
@@ -150,7 +141,7 @@ def batched(function: Callable, parameters, velocity, *settings, cut: bool = Tru
     return jax.device_put(jax.tree.map(partial(_shaped, shape=shape), results), home)
 
 
-def _size(count: int) -> int:
+def padded_size(count: int) -> int:
     """The size of the program for so many impacts: at most a quarter more, or twice a few."""
     octave = 2 ** (count - 1).bit_length()
     step = octave // 8 if octave > FINE else octave
@@ -164,7 +155,7 @@ def _quick(few: bool) -> Callable:
     return jax.jit(_computed, static_argnums=0, compiler_options=options)
 
 
-def _on_cpu(home=None) -> bool:
+def on_cpu(home=None) -> bool:
     device = home or jax.config.jax_default_device or jax.local_devices()[0]
     return getattr(device, "platform", device) == "cpu"
 
@@ -185,7 +176,7 @@ def _in_blocks(program: _Program, flat: list, many: tuple[bool, ...], count: int
     """The results of many impacts, block by block on all cores."""
     compiled = _block(program, many, jax.config.jax_enable_x64)
     kinds, structure = jax.tree.flatten(jax.eval_shape(compiled, *_cut(flat, many, 0)))
-    results = [_aligned(count, kind.dtype) for kind in kinds]
+    results = [np.empty(count, kind.dtype) for kind in kinds]
     with_x64 = jax.config.jax_enable_x64  # which is the calling thread's own
 
     def compute(start):
@@ -212,15 +203,7 @@ def _block(program: _Program, many: tuple[bool, ...], _x64: bool) -> Callable:
     def block(*leaves):
         return in_chunks(partial(_computed, program), leaves, many, CHUNKS)
 
-    return jax.jit(block, compiler_options=accepted(ONE_THREAD))
-
-
-def _aligned(count: int, dtype) -> np.ndarray:
-    """An empty array that JAX takes over as it is, from a huge page on: page faults took a tenth of the time."""
-    page, size = 2**21, count * dtype.itemsize
-    memory = np.empty(size + 2 * page, np.uint8)  # the last page is a whole one too
-    first = -memory.ctypes.data % page
-    return memory[first : first + size].view(dtype)
+    return jax.jit(block, compiler_options=accepted(WIDE))
 
 
 def in_few_sizes(
@@ -246,7 +229,7 @@ def in_few_sizes(
         rows = slice(first, first + size)
         pairs = zip(leaves, many, strict=True)
         some = [filled(leaf[rows], size) if m else leaf for leaf, m in pairs]
-        compiled = _for_size(function, size, long or by_time, len(settings))
+        compiled = _forpadded_size(function, size, long or by_time, len(settings))
         begun.append((compiled(jax.tree.unflatten(structure, some), *settings), min(size, left)))
         first += size
     # all blocks have begun before the first is waited for
@@ -255,7 +238,7 @@ def in_few_sizes(
 
 
 @lru_cache(maxsize=KEPT)
-def _for_size(function: Callable, size: int, long: bool, settings: int) -> Callable:
+def _forpadded_size(function: Callable, size: int, long: bool, settings: int) -> Callable:
     """The function, compiled the sooner the less there is to compute."""
     options = {SMALL: QUICK if long else SOONEST, MEDIUM: QUICK, LARGE: ()}[size]
     static = tuple(range(1, 1 + settings))
@@ -269,7 +252,7 @@ def _of_traced(program: _Program, *leaves, shared: Shared, cut: bool):
         return elementwise(here, here)(*leaves)
     shape = () if any(shared) else np.broadcast_shapes(*map(np.shape, leaves))
     few = math.prod(shape) < 2 * BLOCK
-    if few or not cut or on_several_devices() or not _on_cpu():
+    if few or not cut or on_several_devices() or not on_cpu():
         return _compiled(program, *leaves)
     many = [np.size(leaf) > 1 for leaf in leaves]
     flat = [
@@ -319,127 +302,3 @@ def in_chunks(function: Callable, leaves: Sequence, many: Sequence[bool], chunks
 
     results = jax.lax.map(of_chunk, [rows(leaf) for leaf in each])
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], results)
-
-
-# within a program: from one impact to many, in one `vmap`, and how many are differentiated
-
-
-def over_impacts(
-    function: Callable, batch: tuple, *, forward: bool, reversible: Callable | None = None
-):
-    """`function(*batch)` for each impact, whatever the shapes in which the leaves of `batch` broadcast.
-
-    Args:
-        function: of pytrees whose leaves are single numbers; what is shared (`fields.array_field`) stays
-            as it is.
-        forward: whether derivatives are taken forward whichever way the caller does. Else the
-            reverse pass computes rows again, but for roots, which is faster than to store and fetch them.
-        reversible: the same as `function`, differentiable in reverse, for more directions than `MANY`.
-    """
-    leaves, structure = jax.tree.flatten(batch)
-    declared = shared_leaves(batch)
-    parts = [leaf for leaf, common in zip(leaves, declared, strict=True) if not common]
-    shape = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in parts))
-    # a number that all impacts have in common stays one: what follows from it is computed once
-    shared = [
-        common or (shape != () and jnp.shape(x) == ())
-        for x, common in zip(leaves, declared, strict=True)
-    ]
-    full = [
-        jnp.asarray(leaf) if common else jnp.broadcast_to(leaf, shape)
-        for leaf, common in zip(leaves, shared, strict=True)
-    ]
-
-    def of_leaves(of_batch, *leaves):
-        return of_batch(*jax.tree.unflatten(structure, leaves))
-
-    single = partial(of_leaves, function)
-    if forward:
-        _check_not_varying(leaves)
-        backwards = None if reversible is None else partial(of_leaves, reversible)
-        run = forward_differentiated(single, shared, reversible=backwards)
-    else:
-        mapped = jax.vmap(single, in_axes=[None if common else 0 for common in shared])
-        f = jax.checkpoint(mapped, policy=SOLVED_KEPT)
-        run = partial(_in_rows, f, shared, BY_REVERSE)
-    if len(shape) > 1 and on_several_devices():
-        for _ in shape[1:]:  # in a row, what lies on one device would have to go to another
-            run = jax.vmap(run, in_axes=[None if common else 0 for common in shared])
-        return run(*full)
-    flat = [leaf if common else leaf.ravel() for leaf, common in zip(full, shared, strict=True)]
-    return jax.tree.map(lambda a: a.reshape(shape + a.shape[1:]), run(*flat))
-
-
-def _in_rows(f: Callable, shared: Shared, size: int, *leaves):
-    """`f(*leaves)` of a row of impacts, so many at a time: what is stored of them stays in the cache."""
-    many = [not common for common in shared]
-    chunks = -(-len(leaves[many.index(True)]) // (size if _on_cpu() else ON_GPU))
-    return f(*leaves) if on_several_devices() else in_chunks(f, leaves, many, chunks)
-
-
-def _mapped(single: Single, shared: Shared, size: int) -> Callable:
-    """`single` of a row of impacts; under `vmap` of as many more impacts in the same row."""
-    f = jax.vmap(single, in_axes=[None if common else 0 for common in shared])
-    mapped = custom_vmap(partial(_in_rows, f, shared, size))
-
-    @mapped.def_vmap
-    def rule(axis_size, batched, *leaves):
-        each = zip(leaves, batched, shared, strict=True)
-        if any(b and common and jnp.ndim(x) > 1 for x, b, common in each):  # a network each
-            results = jax.vmap(mapped.fun, in_axes=[0 if b else None for b in batched])(*leaves)
-            return results, jax.tree.map(lambda _: True, results)
-        still = [common and not b for common, b in zip(shared, batched, strict=True)]
-        rows = [
-            x.shape[b:] for x, b, common in zip(leaves, batched, shared, strict=True) if not common
-        ]
-        shape = (axis_size, *rows[0])
-        flat = []
-        for leaf, is_batched, stays in zip(leaves, batched, still, strict=True):
-            if is_batched:  # by itself or next to each other impact's
-                leaf = leaf.reshape(axis_size, -1)
-            flat.append(leaf if stays else jnp.broadcast_to(leaf, shape).ravel())
-        results = _mapped(single, still, size)(*flat)
-        results = jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), results)
-        return results, jax.tree.map(lambda _: True, results)
-
-    return mapped
-
-
-def forward_differentiated(
-    single: Single, shared: Shared, size: int = FORWARD, reversible: Single | None = None
-) -> Callable:
-    """`single` of a row of impacts, whose matrix of derivatives serves either mode of the caller.
-
-    A collision has few inputs (the law's numbers and the velocity) and few outputs: tangents ride
-    along one solve, and reverse mode is the transpose of the small matrix that they make. Only
-    the inputs that really are differentiated get a tangent, of what is shared every number one. If
-    these are more than `MANY`, the rows of the matrix come from `reversible` by reverse mode. The
-    matrix is differentiated forward again.
-    """
-    wrapped = jax.custom_jvp(_mapped(single, shared, size))
-
-    def rule(primals, tangents):
-        active = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-        active_shared = [shared[i] for i in active]
-        change = directions([tangents[i] for i in active], active_shared)
-        if reversible is not None and change.shape[-1] > MANY:
-            with_slopes = partial(value_and_gradients, reversible, active)
-            fewer = GRADIENTS
-        else:
-            with_slopes = partial(value_and_slopes, single, active)
-            fewer = max(size // (1 + change.shape[-1]), 1)
-        solved = forward_differentiated(with_slopes, shared, fewer)(*primals)
-        value, slopes = jax.tree.map(named, solved)
-        return value, contracted(slopes, change)
-
-    wrapped.defjvp(rule, symbolic_zeros=True)
-    return wrapped
-
-
-def _check_not_varying(leaves) -> None:
-    """Raise where `shard_map` follows what differs between devices: diffrax's loops do not."""
-    for leaf in leaves:
-        kind = jax.typeof(leaf)
-        varying = getattr(kind, "vma", None) or getattr(getattr(kind, "mat", None), "varying", None)
-        if varying:
-            raise ArgumentError("`jax.shard_map` must have check_vma=False for the route ODE(...)")
