@@ -176,7 +176,11 @@ OF = {w: "uncertainty" if n == "restitution" else f"{n}_uncertainty" for w, n in
 SPELLED = {f"{before}_{word}": name for before in BEFORE for word, name in OF.items()}
 SPELLED |= {f"{word}_{after}": name for after in UNCERTAIN for word, name in OF.items()}
 SPELLED |= {f"±{word}": name for word, name in OF.items()}
-ALONE = "unc error err stdev std sd ± standard_deviation standard_uncertainty standard_error"
+ALONE = (
+    "unc error err stdev std sd ± standard_deviation standard_uncertainty standard_error "
+    "stddev std_dev std_deviation std_error st_dev standardabweichung stabw standardfehler fehler unsicherheit "
+    "écart_type incertitude erreur incertezza errore deviazione_standard desviación_estándar incertidumbre"
+)
 KNOWN |= dict.fromkeys(ALONE.split(), "uncertainty")
 BARE = {*ALONE.split(), "uncertainty"}
 QUANTITY = {
@@ -264,10 +268,12 @@ def _readings(text: str) -> Iterator[tuple[str, str | None, bool]]:
     bracket = re.fullmatch(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))", text)
     if bracket:
         yield bracket[1], (bracket[2] or bracket[3] or "").strip() or None, True
-    for mark in ("/", ",", " in ", "_"):
+    for mark in ("/", ",", " in ", "_", " "):
         for match in re.finditer(re.escape(mark), text):
             unit = re.sub(r"^\((.*)\)$", r"\1", text[match.end() :].strip())
             if mark == "/" and unit in ("c", "min", "h"):
+                continue
+            if mark == " " and len(unit) < 2:
                 continue
             if mark in ("/", " in ") or is_bare_unit(unit):  # e_1 is the first of several
                 yield text[: match.start()], unit, False

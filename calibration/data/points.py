@@ -202,7 +202,7 @@ def _divided(kind: Kind, unused: Sequence[Unused], columns: dict[str, Any]) -> t
     launches = None
     if kind.is_sequence and "launch" not in columns:
         launches = launches_of(unused)
-    rest = [column for column in unused if launches is None or column.heading != launches[0]]
+    rest = [column for column in unused if launches is None or column.heading not in launches[0]]
     if kind.is_numbered:
         check_numbered([column for column in unused if column.words & BOUNCED])
     settings = {n: columns[n] for n in kind.needs[:1] if n in columns and not kind.is_sequence}
@@ -215,10 +215,11 @@ def _divided(kind: Kind, unused: Sequence[Unused], columns: dict[str, Any]) -> t
     more = f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
     remarks = [f"columns not used: {listed(left[:MOST_NAMED])}{more}"] * bool(left)
     if launches is not None:
-        heading, labels = launches
+        headings, labels = launches
         columns["launch"] = as_labels("launch", labels)
         count = 1 + int(np.sum(columns["launch"][1:] != columns["launch"][:-1]))
-        remarks = [f"{heading[:40]!r} is read as the launch: {count} launches", *remarks]
+        named = listed(repr(heading[:40]) for heading in headings)
+        remarks = [f"{named} is read as the launch: {count} launches", *remarks]
     return tuple(remarks)
 
 

@@ -15,7 +15,10 @@ from calibration.data.words import BOUNCED, REPETITIONS, is_statistic_heading, t
 from calibration.errors import DataError, listed
 
 Row = tuple[int, list[str]]  # the line that it begins on, its cells
-NUMBERED = re.compile(r"(.*?)[\s_.#:-]*(?<!\d)(\d{1,2})(?![\d.])(.*)")
+NUMBERED = re.compile(
+    r"(.*?)[\s_.#:-]*(?<!\d)(\d{1,2})(?!\d|\.\d)(?:(?:st|nd|rd|th|er|re|e|ème|º|ª)\b|\.)?(.*)"
+)
+LETTERED = re.compile(r"(.*\w)[\s_]+([A-Z])")
 UNIT_BEHIND = re.compile(r"(.*\d)\s*(?:/|,|_| in )\s*([A-Za-z%][A-Za-z%/]*)\s*")
 PEAKS = {
     *[
@@ -71,6 +74,7 @@ SAY = (
     "either repeats of one drop, or bounces one after the other: say `repeats = true` or `repeats = false` in "
     "[[material]] (`repeats=` in Python), or name them Trial 1, Trial 2 or one below the other as bounce and height"
 )
+NAMED = "repeats of what is named, as `rebound height 1`, `COR 1` or `v_out 1`, next to a drop_height or a velocity"
 BESIDE_EACH_OTHER = (
     "one table below one header: of several materials one file and one [[material]] each, of several launches "
     "one below the other with a column `launch`"
@@ -130,6 +134,14 @@ def reshaped(
             target = _target(family, others, own)
             if target is not None:
                 return _stacked(header, rows, family, target, drop)
+            if (
+                family.words
+                and not {*others} & {*REBOUNDS, "interval", "time"}
+                and {"velocity", "impact_velocity", "drop_height", "height"} & {*others}
+            ):
+                raise DataError(
+                    "set of columns", listed(repr(header[k]) for k in sorted(own)), NAMED
+                )
         may_be = family.may_be_bounces or (family.are_repeats and repeats is False)
         if not may_be or len(own) + (drop is not None) < 3:
             continue
@@ -169,12 +181,14 @@ def _families(header: Sequence[str]) -> list[Family]:
         unit, base = unit_in(text), re.sub(r"\s*[\[(][^\[\]()]*[\])]\s*$", "", text.strip())
         if unit is None and (behind := UNIT_BEHIND.fullmatch(base)):
             base, unit = behind[1], behind[2]
-        match = NUMBERED.fullmatch(base)
-        if match is None:
+        if (match := NUMBERED.fullmatch(base)) is not None:
+            words, number = plain(f"{match[1]} {match[3]}"), int(match[2])
+        elif (match := LETTERED.fullmatch(base)) is not None and {*tokens(match[1])} & REPETITIONS:
+            words, number = plain(match[1]), ord(match[2]) - ord("A") + 1
+        else:
             continue
-        words = plain(f"{match[1]} {match[3]}")
         family = found.setdefault(words, Family(words, unit, {}))
-        family.places.setdefault(int(match[2]), k)
+        family.places.setdefault(number, k)
         found[words] = family._replace(unit=family.unit or unit)
     return [family for family in found.values() if len(family.places) > 1]
 

@@ -55,7 +55,7 @@ class Unused(NamedTuple):
     @property
     def values(self) -> list[str]:
         """Different values, in the order in which they appear."""
-        return list(dict.fromkeys(filter(None, self.cells)))
+        return list({cell.casefold(): cell for cell in reversed(self.cells) if cell}.values())[::-1]
 
     @property
     def numbers(self) -> Column | None:
@@ -133,16 +133,19 @@ def check_numbered(columns: Sequence[Unused]) -> None:
             raise DataError("column", f"{column.heading[:40]!r}, no number of a bounce", accepted)
 
 
-def launches_of(columns: Sequence[Unused]) -> tuple[str, list[str]] | None:
-    """The heading of the column that separates launches of bounces, and a label for each row."""
-    found = sorted(_launches(columns), key=lambda one: one[0])
-    if not found:
+def launches_of(columns: Sequence[Unused]) -> tuple[list[str], list[str]] | None:
+    """The headings of the columns that separate launches of bounces, and a label for each row."""
+    found = [*_launches(columns)]
+    # an unknown word divides where no known one does
+    used = [one for one in found if one[0]] or found[:1]
+    if not used:
         return None
-    _, heading, labels = found[0]
-    return heading, labels
+    return [heading for _, heading, _ in used], [
+        " ".join(row) for row in zip(*(labels for *_, labels in used), strict=True)
+    ]
 
 
-def _launches(columns: Sequence[Unused]) -> Iterator[tuple[int, str, list[str]]]:
+def _launches(columns: Sequence[Unused]) -> Iterator[tuple[bool, str, list[str]]]:
     for column in columns:
         numbers = column.numbers
         is_known = bool(column.words & REPETITIONS)
@@ -152,11 +155,11 @@ def _launches(columns: Sequence[Unused]) -> Iterator[tuple[int, str, list[str]]]
         if starts is not None and starts > 1 and (is_known or column.words & COUNTED):
             assert numbers is not None
             launch = np.cumsum(np.append(True, np.diff(numbers) <= 0))
-            yield 0, column.heading, [str(k) for k in launch]
+            yield True, column.heading, [str(k) for k in launch]
         elif is_known or (column.words & COUNTED and column.forms_blocks):
-            yield 1, column.heading, list(column.cells)
+            yield True, column.heading, list(column.cells)
         elif _divides_unsaid(column):
-            yield 2, column.heading, list(column.cells)
+            yield False, column.heading, list(column.cells)
 
 
 def _starts(numbers: Column) -> int | None:

@@ -31,6 +31,7 @@ RIGHT = {
     "Throw,Interval (s)\n1,0.84\n1,0.75\n2,0.72\n2,0.64\n2,0.58\n": (TWO, "'Throw' is read as the launch: 2"),
     "Wurf;Δt (ms)\n1;840,0\n1;750,0\n2;720,0\n2;640,0\n2;580,0\n": (TWO, "'Wurf' is read"),
     "batch,dt (s)\nx,0.84\nx,0.75\ny,0.72\ny,0.64\ny,0.58\n": (TWO, "'batch' is read"),
+    "Series,Run,dt (s)\n1,2,0.84\n1,2,0.75\n2,2,0.72\n2,2,0.64\n2,1,0.5\n2,1,0.4\n": (bounces([0.84, 0.75], [0.72, 0.64], [0.5, 0.4]), "'Series', 'Run' is read as the launch: 3"),
     "#,dt (s)\n1,0.84\n2,0.75\n1,0.72\n2,0.64\n3,0.58\n": (TWO, "'#' is read"),
     "dt (s)\n0.84\n0.75\ndt (s)\n0.72\n0.64\n0.58\n": (TWO, "the header is repeated in line(s) 4"),
     "n,dt (s)\n1,0.84\n2,0.75\n3,0.64\n": (bounces([0.84, 0.75, 0.64]), "columns not used: 'n'"),
@@ -45,6 +46,7 @@ RIGHT = {
     '"Impact speed, v (ft/s)",Coefficient of Restitution (e)\n10,0.9\n20,0.8\n': (([3.048, 6.096], [0.9, 0.8]), ""),
     'Drop height (h),"Rebound height, h\' (cm)"\n1,81\n2,128\n': (drops((1, 0.81), (2, 1.28)), ""),
     # how cells are separated, and what is empty
+    "velocity m/s;material;e\n1;steel;0,9\n2;Steel;0,8\n": (([1, 2], [0.9, 0.8]), "'material'"),
     "velocity (m/s)   e\n  1.0   0.9\n  2.0   0.8\n": (([1, 2], [0.9, 0.8]), ""),
     "# run of today\n# v [cm/s] e\n1.0e+02 9.0e-01\n2.0e+02 8.0e-01\n": (([1, 2], [0.9, 0.8]), ""),
     "% v [cm/s],e\n100 0.9\n200 0.8\n": (([1, 2], [0.9, 0.8]), ""),
@@ -55,6 +57,9 @@ RIGHT = {
     # repeats beside each other, and heights of bounces
     "Drop height (m);Versuch 1 (cm);Versuch 2 (cm);Mittelwert;SD\n1;81;64;72,5;12\n0,5;32;;32;\n": (drops((1, 0.81), (1, 0.64), (0.5, 0.32)), "'Mittelwert', 'SD'"),
     "Drop height (cm),1,2,avg\n100,81,64,72.5\n": (drops((1, 0.81), (1, 0.64)), "repeats of rebound_height"),
+    "Drop height (cm),1st trial,2nd trial\n100,81,64\n": (drops((1, 0.81), (1, 0.64)), "repeats of rebound_height"),
+    "Drop height / cm;1. Versuch;2. Versuch\n100;81;64\n": (drops((1, 0.81), (1, 0.64)), "repeats of rebound_height"),
+    "Drop height (cm),Trial A,Trial B\n100,81,64\n": (drops((1, 0.81), (1, 0.64)), "repeats of rebound_height"),
     "v_in (m/s),COR 1,COR 2\n1,0.9,0.8\n2,0.7,0.6\n": (([1, 1, 2, 2], [0.9, 0.8, 0.7, 0.6]), "repeats of restitution"),
     "Drop height (cm),Average rebound height (cm)\n100,81\n50,32\n": (drops((1, 0.81), (0.5, 0.32)), ""),
     "Bounce,Peak height (cm)\n0,100\n1,64\n2,36\n0,50\n1,32\n": (drops((1, 0.64), (0.64, 0.36), (0.5, 0.32)), "'Bounce' is read as the launch"),
@@ -102,6 +107,7 @@ REFUSED = {
     "v [J],e\n1,0.9\n": "unit of velocity is [J]|m/s",
     "h0,h1,h2\n1,0.64,0.36\n0.9,0.6,0.3\n": "'h0', 'h1', 'h2'|repeats = true|repeats = false",
     "drop height,bounce 1,bounce 2\n1,0.64,0.36\n": "'bounce 1', 'bounce 2'|repeats = false",
+    "v (m/s),Trial 1,Trial 2\n1,0.9,0.91\n": "'Trial 1', 'Trial 2'|`COR 1`",
     "v,e,,v,e\n1,0.9,,1,0.4\n2,0.8,,2,0.3\n": "restitution, velocity on both sides of empty column 3|[[material]]|launch",
     "v,e,v.1,e.1\n1,0.9,1,0.4\n": "'v' and 'v.1'|[[material]]",
 }
