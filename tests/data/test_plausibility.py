@@ -95,7 +95,7 @@ COMMANDS = {
     "compare": ("--laws", "constant"),
     "curve": (*LAW, "--points", "5"),
     "sensitivity": LAW,
-    "export": ("--law", *LAW[1:], "--to", "c"),
+    "export": ("--law", *LAW[1:], "--to", "c", "--gravity", "0"),
 }
 
 
