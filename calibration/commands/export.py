@@ -14,8 +14,7 @@ and its error are named, and nothing is written.
 import argparse
 
 from calibration.commands.source_options import add_source_arguments
-
-CODES = ("c", "lammps", "liggghts", "yade")
+from calibration.particle_codes.codes import BACKENDS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "radii of atom types 1, 2, … [m]"
     add("--sizes", nargs="+", type=float, metavar="R", help=text)
     add = parser.add_argument_group("particle code").add_argument
-    add("--to", choices=CODES, required=True, help="the code; c is a header for any other")
+    add(
+        "--to", choices=tuple(BACKENDS), required=True, help="the code; c is a header for any other"
+    )
     text = "auto (default), linear, hertz-dashpot, viscoelastic, walton-braun, or exact"
     add("--export-law", default="auto", metavar="NAME", help=text)
     text = "the contact force alone, without acoustic and thermal losses: rebounds of ε_p"

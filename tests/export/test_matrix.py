@@ -21,6 +21,7 @@ from tests.cases import RADIUS
 from tests.export.lammps import build, impact, needs_lammps, onto_a_wall, rebounds
 from tests.export.laws import DENSITY, RANGE, STEEL
 
+STEELS = (sj.STAINLESS_STEEL, sj.STAINLESS_STEEL)
 PHASES = (np.arange(8) + 0.5) / 8
 WALL = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
 LIGGGHTS = """
@@ -160,6 +161,40 @@ def test_what_is_written_keeps_its_promise(code, law, wall, tmp_path):
     given, expected = made.choice.impacts.coefficient[some], made.target.restitution[some]
     assert np.max(np.abs(found - given[:, None])) <= made.choice.steps.error + 1e-4
     assert np.max(np.abs(found - expected[:, None])) <= made.choice.total + 1e-4 <= 0.0801
+
+
+FOLLOWED = """
+deepest, steps = 0.0, 0
+for _ in range({steps}):
+    O.step()
+    ball_at, other_at = O.bodies[1].state.pos[2], O.bodies[0].state.pos[2]
+    deepest = max(deepest, {reach} - (ball_at - other_at))
+    steps += O.forces.f(1)[2] > 0
+import json
+print("RESULT", json.dumps([deepest, steps * O.dt]))
+"""
+
+
+@pytest.mark.codes
+@MARKS["yade"][0]
+@pytest.mark.parametrize("law", ["linear", "hertz-dashpot"])
+@pytest.mark.parametrize("wall", [True, False])
+def test_overlaps_and_contact_times_in_yade_are_those_stated(law, wall, tmp_path):
+    """With the modulus of two balls they were 1.149 times as large at a wall, which has the ball's radius there."""
+    source = sj.ConstantRestitution(WALL, 0.8)
+    if not wall:
+        source = sj.ConstantRestitution(sj.Contact.between_spheres(*STEELS, RADIUS, RADIUS), 0.8)
+    options = {"law": law, "on_wall": wall, "tolerance": 0.02, "steps": 400, "gravity": 0.0}
+    made = cal.export(source, "yade", tmp_path, velocity_range=(0.5, 2.0), **options)
+    example = ast.get_docstring(ast.parse((tmp_path / "softjax_yade.py").read_text("utf-8")))
+    example = example.replace("gravity=(0, 0, -9.81)", "gravity=(0, 0, 0)")
+    impacts, middle = made.choice.impacts, 32  # 1 m/s, which the example has
+    gap = 0.1 * RADIUS
+    steps = round((gap / 1.0 + 2 * impacts.duration[middle]) / made.time_step)
+    reach = RADIUS if wall else 2 * RADIUS
+    deepest, duration = yade(tmp_path, example + FOLLOWED.format(steps=steps, reach=reach))
+    assert deepest == pytest.approx(impacts.peak[middle], rel=0.01)
+    assert duration == pytest.approx(impacts.duration[middle], rel=0.01)
 
 
 AFTER = """

@@ -15,9 +15,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+import calibration as cal
 import softjax as sj
 from tests.cases import RADIUS
 from tests.export.laws import MASS, PAIR, STEEL, VELOCITIES
+from tests.export.test_matrix import LAWS as IN_CODES
 from tests.shown.capture import as_recorded
 
 EFFECTIVE = float(PAIR.radius)  # [m]
@@ -247,6 +249,25 @@ def test_a_dashpot_gives_the_stated_restitution(code, law, options, exported):
     else:
         stiffness = 4 / 3 * 1.93e11 / (2 * (1 - 0.35**2)) * math.sqrt(RADIUS / 2)
         assert force(1e-5, 0.0) == pytest.approx(stiffness * 1e-5**1.5 / factor**2.5, rel=1e-9)
+
+
+def test_every_law_of_every_code_has_a_reader_here_and_an_impact_in_its_code(tmp_path):
+    """A new code or law, as refusals list them, has a row in each of these lists."""
+
+    def listed(to, law) -> set[str]:
+        with pytest.raises(ValueError, match="must be") as refusal:
+            cal.export(STEEL, to, tmp_path, velocity_range=(1.0, 2.0), law=law)
+        (names,) = re.findall(r"must be (?:one of )?([\w, -]+), but", str(refusal.value))
+        return set(names.split(", ")) - {"auto"}
+
+    codes = listed("none", "auto") - {"c"}
+    assert codes == set(FILES) == set(READERS) == set(IN_CODES)
+    read_here = {code: {law for of, law, _ in DASHPOTS if of == code} for code in codes}
+    for code in SPRINGS:
+        read_here[code].add("walton-braun")
+    read_here["lammps"] |= {"walton-braun", "exact"}  # by its plugin
+    for code in codes:
+        assert listed(code, "none") == read_here[code] == set(IN_CODES[code])
 
 
 def test_liggghts_takes_no_coefficient_of_0_05_or_less(exported):
