@@ -36,7 +36,7 @@ CODES = """exit codes:
   0  done
   1  a fit did not converge; its results are written, and marked
   2  input that cannot be used; nothing is written
-  3  results could not be written: no space, no permission, no such place
+  3  results could not be written: no space, no permission, no such place; or a picture failed
   70 an error of softjax itself, with its trace: please report it"""
 
 
@@ -70,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     console.open_streams()
     output.written.clear()
+    output.lost.clear()
     stops: list[console.Stopped] = []
     try:
         with console.signals_handled() as stops:
@@ -129,7 +130,10 @@ def _run(argv: Sequence[str]) -> int:
             if older:
                 line = f"softjax {name}: not written by this run, in {place}: {listed(older)}"
                 print(printable(line), file=sys.stderr)
-        return code
+        for picture, reason in output.lost.items():
+            line = f"softjax {name}: {picture} could not be drawn ({reason}); the rest is written"
+            print(printable(line), file=sys.stderr)
+        return NOT_WRITTEN if output.lost else code
     finally:
         if sys.stdout is not None:  # what a buffer holds is not printed yet
             sys.stdout.flush()
@@ -159,6 +163,9 @@ def _parsed(argv: Sequence[str]) -> tuple[str, Any, argparse.Namespace]:
         keywords: dict[str, Any] = {"choices": COMMANDS, "help": argparse.SUPPRESS}
         top.add_argument("command", metavar="COMMAND", nargs="?", **keywords)
         top.add_argument("--version", action=Version, nargs=0, help="print the version")
+        if not argv:
+            top.print_help()
+            top.exit(DONE)
         top.parse_args(argv)  # prints help or the version, or refuses
         top.error("COMMAND is missing")
     command = importlib.import_module(f"calibration.commands.{name}")

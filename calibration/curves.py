@@ -4,7 +4,7 @@ Between two rows of a table a code interpolates linearly. So the table has two r
 jumps, and its header says how far that leaves it from the law.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -63,6 +63,7 @@ class Source:
     fall: Fall | None = None
     gravity: float | None = None
     measured: tuple[float, float] | None = None
+    warnings: Sequence[str] = ()  # of the fit that it comes from
 
     def extrapolation(self, velocity: Velocities) -> str | None:
         """A line where velocities go beyond the data of a fit; else None."""
@@ -199,7 +200,10 @@ def _error(source: Source, rows: Rows, route: Route) -> str:
     )
     exact = curve_of(source, np.ravel(inner), route).coefficient.reshape(inner.shape)
     error = np.nanmax(np.abs(exact - linear), initial=0.0)
-    return f"interpolated linearly, restitution errs by about {error:.1e} at most"
+    about = f"differs from the curve by about {error:.1e} at most"
+    return (
+        f"linear interpolation between rows {about}; how well the curve is known is another matter"
+    )
 
 
 def _head(source: Source, velocity: Velocities) -> Iterator[str]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+INSTALL = 'pip install -e ".[{}]" in its folder'  # an extra of this project
+
 
 class InputError(ValueError):
     """A file, or a whole set of data, that cannot be used.

@@ -6,10 +6,14 @@ is one field here, and the line that uses it.
 """
 
 import argparse
+import importlib.util
 import inspect
+import sys
+import traceback
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import (
@@ -22,7 +26,7 @@ from pydantic import (
     model_validator,
 )
 
-from calibration.errors import DataError, did_you_mean, listed, shown
+from calibration.errors import DataError, InputError, did_you_mean, listed, shown
 from calibration.schema import Strict, choices, faults
 
 LAWS = (
@@ -206,6 +210,7 @@ def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_field
     for name in names:
         field = FitOptions.model_fields[name]
         help = (field.description or "").replace("%", "%%")
+        help += "; FILE.py:NAME is your own, whose code runs" * (name == "law")
         if field.annotation is bool:
             keywords: dict[str, Any] = {"action": "store_const", "const": not field.default}
             help = f"no {help}" if field.default else help
@@ -271,8 +276,40 @@ def _words(name: str) -> tuple[str, ...]:
     return tuple(word.replace(" ", "-") for word in allowed)
 
 
+def law_of_file(text: str) -> Any:
+    """The class or function of FILE.py:NAME, whose code runs: a command line names it, never a file.
+
+    Raises:
+        InputError: where there is none, or its code fails.
+    """
+    path, _, name = text.rpartition(":")
+    if not Path(path).is_file():
+        raise InputError(path, None, "no such file", "FILE.py:NAME of your own law is needed")
+    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault(spec.name, module)  # as its dataclasses look it up
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == path]
+        problem = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise InputError(path, [None, *lines][-1], problem, "it must run") from None
+    names = [n for n, x in vars(module).items() if getattr(x, "__module__", "") == spec.name]
+    if name not in names:
+        accepted = f"one of {listed(names) or 'a class of a contact law'}"
+        raise InputError(path, None, f"no {name!r}", f"{accepted}{did_you_mean(name, names)}")
+    return getattr(module, name)
+
+
 def _parsed(name: str, text: str) -> Any:
     """A setting from the command line."""
+    if name == "law" and ".py:" in text:
+        try:
+            return law_of_file(text)
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
     field = FitOptions.model_fields[name]
     adapter = TypeAdapter(Annotated[(field.annotation, Field(), *field.metadata)])  # type: ignore[arg-type]
     try:

@@ -18,6 +18,7 @@ UNFINISHED = ".softjax-unfinished-"
 # directories that this command wrote to: the files written, and files that look like results of this
 # command but were not written by it
 written: dict[Path, tuple[list[str], list[str]]] = {}
+lost: dict[str, str] = {}  # pictures of this command that failed, and why
 
 
 def write_text(path: Path, text: str) -> None:
@@ -82,6 +83,11 @@ def check_writable(directory: str | Path) -> None:
         raise InputError(None, None, problem, "results need a directory to go to")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise NotWritten(existing, "no permission")
+    try:  # what rights do not tell: file systems of the kernel, or mounted to be read only
+        with tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=existing):
+            pass
+    except OSError as error:
+        raise NotWritten(directory, error) from None
 
 
 def _replace(staged: Path, target: Path, names: Sequence[str]) -> None:

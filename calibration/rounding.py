@@ -7,13 +7,16 @@ ABSENT = "–"
 MOST_DIGITS = 7  # published constants have four
 NO_ERROR = 1e-9  # relative: a smaller standard error is rounding, and is not shown
 ERROR_DIGITS = 2
+LARGEST_WHOLE = 1e6  # larger numbers have a power of ten
 
 
 def number(value: float | None, digits: int = 4) -> str:
     """`digits` significant digits, or a dash."""
     if not _finite(value):
         return ABSENT
-    return f"{value + 0.0:.{digits}g}"  # no -0
+    text = f"{value + 0.0:.{digits}g}"  # no -0
+    is_whole = 10.0**digits <= abs(value) < LARGEST_WHOLE
+    return f"{float(text):.0f}" if is_whole else text
 
 
 def with_error(value: float | None, error: float | None) -> str:
@@ -30,6 +33,13 @@ def with_error(value: float | None, error: float | None) -> str:
     factor = 10.0**exponent
     shown = f"{_fixed(value / factor, places)} ± {_fixed(error / factor, places)}"
     return f"({shown})e{exponent}" if exponent else shown
+
+
+def to_place(value: float | None, error: float) -> str:
+    """The value alone, rounded where an error of this size would be: `7.1` for an error of 1.2."""
+    if not _finite(value):
+        return ABSENT
+    return _end(value, error)
 
 
 def interval(low: float | None, high: float | None, error: float | None = None) -> str:

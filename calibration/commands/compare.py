@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where a law's fit did not converge."""
     import softjax as sj
     from calibration.plots.curves import comparison_figure
-    from calibration.plots.style import save
+    from calibration.plots.style import draw
     from calibration.report.comparison import comparison_json, comparison_text
     from calibration.studies.compare import compare
 
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         shown = [text] if arguments.json or not arguments.quiet else []
         with or_printed(shown), files_into(arguments.out, FILES) as folder:
             write_text(folder / "compare.json", json)
-            save(comparison_figure(made), folder / "compare.png")
+            draw(lambda: comparison_figure(made), folder / "compare.png")
     if shown:
         print(text, end="" if arguments.json else "\n\n")
     every = [(entry, comparison.data.name) for comparison in made for entry in comparison.entries]

@@ -85,6 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
         text = f"the interval of ε is left empty at {free} of {len(velocity)} velocities"
         text = f"{text}: there it depends on parameters that the data do not determine"
         print(f"warning: rank-deficient: {text}", file=sys.stderr)
+    for warning in source.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     if (beyond := source.extrapolation(velocity)) is not None:
         print(f"warning: {beyond}", file=sys.stderr)
     if not arguments.quiet:
@@ -133,11 +135,11 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
         some = some.some(np.argsort(some.velocity, kind="stable"))
         confidence, yields_at = banded and banded.confidence, yield_velocity(source.law)
         of = "of the mean" if source.line is None else "of a further material"
-        figure = plots.restitution_figure(some, label, yields_at, data, confidence, of)
-        plots.save(figure, folder / FILES["png"])
+        shown = (some, label, yields_at, data, confidence, of)
+        plots.draw(lambda: plots.restitution_figure(*shown), folder / FILES["png"])
         if source.line is not None:
-            figure = plots.unloading_line_figure(source.line, source.law.contact, source.name)
-            plots.save(figure, folder / OF_LINE)
+            line = (source.line, source.law.contact, source.name)
+            plots.draw(lambda: plots.unloading_line_figure(*line), folder / OF_LINE)
 
 
 def _determined(source: Any) -> str:

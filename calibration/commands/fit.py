@@ -2,7 +2,7 @@
 
 Without a file it fits χ̃, σ and ψ of the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003
 (2013), by the paper's own procedure, to a published fit of measurements that comes with the program.
-With one it fits your own: Zhou's law, or another (`--law`). Written are fit.json, curves.png,
+With one it fits your own: Zhou's law, or another (`--law`). Written are fit.json, points.csv, curves.png,
 report.html (one page, pictures inside) and, where there is something to show, profiles.png and
 correlation.png.
 """
@@ -20,8 +20,8 @@ from calibration.output import check_writable, or_printed
 
 INTRO = (
     "These data are a published fit of measurements, not measurements: Eq. (17) with Table 1's σ "
-    "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material. "
-    "They have no scatter: standard errors are zero and not shown, and any misfit is the law's.\n"
+    "and ψ (Zhou, Theor. Appl. Mech. Lett. 3, 021003, 2013) at 40 velocities a material, without "
+    "scatter: any misfit is the law's. χ̃ is 4 to 14 times Table 1's, which goes with the printed κ.\n"
     "Your own: softjax fit FILE.toml"
 )
 FEWEST_DRAWS = 100
@@ -35,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--posterior", nargs="?", type=_draws, const=1000, metavar="DRAWS", help=text
     )
+    text = "print settings, meanings of symbols, bodies, versions and searches, too"
+    parser.add_argument("--verbose", action="store_true", help=text)
     text = "print fit.json to standard output instead of the tables"
     parser.add_argument("--json", action="store_true", help=text)
 
@@ -53,11 +55,13 @@ def run(arguments: argparse.Namespace) -> int:
             more["draws"] = result.posterior(count, seed=seed, warmup=count, progress=progress)
         more["printed"] = printed_values() if of_paper else None
         intro = INTRO if of_paper else ""
-        text = result.to_json() if arguments.json else terminal_report(result, intro, **more)
+        more["command"] = arguments.as_typed
+        text = result.to_json()
+        if not arguments.json:
+            text = terminal_report(result, intro, arguments.verbose, **more)
         shown = [text] if arguments.json or not arguments.quiet else []
-        more |= {"command": arguments.as_typed, "progress": progress}
         with or_printed(shown):
-            write_report(result, arguments.out, **more)
+            write_report(result, arguments.out, **more, progress=progress)
     if shown:
         print(text, end="" if arguments.json else "\n\n")
     if result.converged:

@@ -185,7 +185,7 @@ def _local(job: _Job) -> dict[str, Any]:
     """Sensitivities over velocity, and bars at some velocities."""
     import numpy as np
 
-    from calibration.plots import save, studies
+    from calibration.plots import draw, studies
     from calibration.report.studies import local_table, sensitivities_csv
     from calibration.studies.sensitivities import sensitivity
 
@@ -199,9 +199,9 @@ def _local(job: _Job) -> dict[str, Any]:
     write_text(job.folder / "sensitivity.csv", sensitivities_csv(curve))
     critical = getattr(job.contact, "critical_velocity", None)
     critical = None if critical is None else float(critical)
-    ax = studies.plot_sensitivities(curve, critical_velocity=critical)
-    save(ax, job.folder / "sensitivity.png")
-    save(studies.tornado_figure(bars), job.folder / "tornado.png")
+    make = lambda: studies.plot_sensitivities(curve, critical_velocity=critical)  # noqa: E731
+    draw(make, job.folder / "sensitivity.png")
+    draw(lambda: studies.tornado_figure(bars), job.folder / "tornado.png")
     table = {name: bars.of(name) for name in bars.names}
     return {"velocity": job.bars, "theta_d_epsilon_d_theta": table}
 
@@ -227,7 +227,7 @@ def _information(job: _Job) -> dict[str, Any]:
 
 def _design(job: _Job) -> dict[str, Any]:
     """Velocities of the next measurements."""
-    from calibration.plots import save, studies
+    from calibration.plots import draw, studies
     from calibration.report.studies import design_csv, drops_text, wrapped
     from calibration.studies.designs import optimal_velocities
 
@@ -253,7 +253,7 @@ def _design(job: _Job) -> dict[str, Any]:
         progress=job.progress,
         **job.options,
     )
-    save(studies.plot_design(design), job.folder / "design.png")
+    draw(lambda: studies.plot_design(design), job.folder / "design.png")
     write_text(job.folder / "design.csv", design_csv(design, fall))
     lines = [str(design)]
     lines += [drops_text(design, fall)] if fall is not None else []

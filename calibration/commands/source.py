@@ -21,6 +21,7 @@ from calibration.fitting.result import FitResult
 from calibration.options import LAW_OPTIONS, route_named
 from calibration.paper import RADIUS, TABLE_1
 from calibration.parameters import Parameter
+from calibration.report.tables import warning_items
 
 # What `softjax fit` finds for the paper's materials with its default settings. They go with
 # `area="zhou"` and `kappa="consistent"`.
@@ -126,10 +127,10 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     properties = None if entry.table.limit_velocity is not None else numbers
     remark = f"{printable(entry.name)}: {arguments.source}"
     if arguments.line is not None:
-        line, measured = _line(arguments.line)
+        line, measured, warnings = _line(arguments.line)
         lines = [f"{remark}, by {arguments.line}", *line.remarks(contact)]
         first, law, remark = critical, line.law(contact), "\n".join(lines)
-        more: dict[str, Any] = {"line": line, "measured": measured}
+        more: dict[str, Any] = {"line": line, "measured": measured, "warnings": warnings}
     else:
         known = {name: p.value for name, p in entry.stated.items() if not p.free}
         known |= {name: file.settings[name] for name in LAW_OPTIONS if name in file.settings}
@@ -141,8 +142,8 @@ def _of_file(arguments: argparse.Namespace) -> Source:
     return Source(entry.name, law, (first, last), properties, bodies, remark=remark, **more)
 
 
-def _line(path: Path) -> tuple[Any, tuple[float, float]]:
-    """Eq. (18) of a fit's materials, and the range of their velocities [m/s]."""
+def _line(path: Path) -> tuple[Any, tuple[float, float], list[str]]:
+    """Eq. (18) of a fit's materials, the range of their velocities [m/s], and the fit's warnings."""
     result = FitResult.load(path)
     line = result.unloading_line
     if line is None or len(line.materials) < 2:
@@ -151,7 +152,7 @@ def _line(path: Path) -> tuple[Any, tuple[float, float]]:
         raise InputError(path, None, problem, accepted)
     names = {material.name for material in line.materials}
     velocities = [fit.data.velocity for fit in result.materials if fit.name in names]
-    return line, _ends(np.concatenate(velocities))
+    return line, _ends(np.concatenate(velocities)), _words(result.warnings, result)
 
 
 def _ends(velocity: np.ndarray) -> tuple[float, float]:
@@ -186,7 +187,14 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
         draws = read(arguments.posterior)
     bodies, properties = _bodies(fit.data.bodies)
     parts = fit.name, fit.law, span, properties, bodies, result, draws
-    return Source(*parts, remark=remark, fall=fit.data.fall, measured=(low, high))
+    ours = [warning for warning in result.warnings if warning.material in (None, fit.name)]
+    more: dict[str, Any] = {"fall": fit.data.fall, "measured": (low, high)}
+    return Source(*parts, remark=remark, warnings=_words(ours, result), **more)
+
+
+def _words(warnings: Iterable[Any], result: FitResult) -> list[str]:
+    """Warnings of a fit as its report has them."""
+    return ["".join(item[:2]) for item in warning_items(warnings, result)]
 
 
 def _chosen(name: str | None, names: list[str], where: str) -> str:

@@ -19,7 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     import softjax as sj
     from calibration.console import Progress
     from calibration.output import check_writable, files_into, or_printed, write_text
-    from calibration.plots.style import save
+    from calibration.plots import style
     from calibration.speed import as_text, draw, measure, methods, stainless_steel
 
     sj.enable_x64()
@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     text = [] if arguments.quiet else [as_text(rows)]
     with or_printed(text), files_into(arguments.out) as folder:
         write_text(folder / "speed.csv", pd.DataFrame(rows).to_csv(index=False))
-        save(draw(rows), folder / "speed.png")
+        style.draw(lambda: draw(rows), folder / "speed.png")
     if text:
         print(f"{text[0]}\n")
     return 0

@@ -14,6 +14,7 @@ a constant restitution; the ball's `diameter` and `mass` (or `density`) then det
 """
 
 import os
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -413,13 +414,22 @@ class ProblemFile:
 def read_toml(path: str | Path) -> list[RestitutionData]:
     """The data sets of a material file, one a `[[material]]`.
 
+    What the file states for a fit, `[fit]` and parameters, is left out with a warning:
+    `calibration.fit("my.toml")` uses it.
+
     Args:
         path: the file; data files are searched for next to it.
 
     Raises:
         InputError: a ValueError with file and line, what is wrong and what is accepted.
     """
-    return read_problem(path).datasets
+    file = read_problem(path)
+    names = [name for name in file.settings if name != "area"]
+    names += sorted({name for parameters in file.parameters for name in parameters})
+    if names:
+        text = f"{path} states {listed(names)} for a fit, which read_toml leaves out"
+        warnings.warn(f'{text}; calibration.fit("{path}") uses it', stacklevel=2)
+    return file.datasets
 
 
 def read_problem(path: str | Path, needs_data: bool = True) -> ProblemFile:

@@ -57,6 +57,7 @@ NOT_ROWS = (
     "origin",
     "errors",
 )
+FAR_ABOVE = 10.0  # from here on no slip of a digit brings it
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
 # stated of all rows, not in the table
@@ -520,6 +521,8 @@ def _located(error: DataError, remarks: Sequence[str], origin: Origin | None) ->
     if error.argument == "restitution":
         by_air = next((remark for remark in remarks if remark.startswith(CORRECTED)), "")
         air = f"{by_air}: are the ball's size and density right?"
+        if by_air and float(error.value) > FAR_ABOVE:
+            air = f"check the unit of times or heights (ms? mm?), then the ball's size and density; {by_air}"
         note, about = f"{note}; {air}" if about else air, bool(by_air)
     if about and error.index is not None:
         accepted = f"{error.accepted}; {note}"

@@ -140,6 +140,8 @@ class FitRecord(Strict):
     noise_family: Literal[tuple(FAMILIES)]  # type: ignore[valid-type]
     outliers: tuple[Outlier, ...]
     standardised: tuple[Real, ...]
+    deviations: tuple[Real, ...] = ()
+    weights: tuple[Real, ...] = ()
     residual_degrees: NotNegative
     group_offsets: dict[str, tuple[Real, NotNegative]] = Field(default_factory=dict)
     chi_squared_probability: float | None

@@ -17,6 +17,8 @@ from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.rounding import NO_ERROR, with_error
 
+USUAL_REACH = 2.0  # standard errors from a value to an end of its interval
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -48,6 +50,15 @@ class Estimate:
     def printed_error(self) -> float | None:
         """The standard error where it describes the interval; else None."""
         return None if self.skewed else self.standard_error
+
+    @property
+    def rounding_error(self) -> float | None:
+        """What value and ends are rounded by: the standard error, or of a skewed one the narrower side's part."""
+        if self.printed_error is not None or self.value is None:
+            return self.printed_error
+        sides = [abs(end - self.value) for end in (self.low, self.high) if end is not None]
+        sides = [side for side in sides if np.isfinite(side) and side > NO_ERROR * abs(self.value)]
+        return min(sides) / USUAL_REACH if sides else None
 
     def __str__(self) -> str:
         return with_error(self.value, self.printed_error)
@@ -81,6 +92,8 @@ class Outlier:
             noise (of Student's t the scale), less what the point itself moves the curve.
         weight: in the fit, over that of a point on the curve.
         observable: what was measured, of `calibration.observables`.
+        robust: whether a robust fit (Student's t, its scale estimated) leaves it apart from the others;
+            None where none was made.
     """
 
     row: int
@@ -90,6 +103,7 @@ class Outlier:
     residual: float
     weight: float
     observable: str = RESTITUTION
+    robust: bool | None = None
 
     @property
     def restitution(self) -> float | None:
@@ -120,6 +134,9 @@ class Goodness:
         noise_dof: degrees of freedom of Student's t; None for normal errors.
         outliers: the points beyond what the noise explains, the farthest first.
         standardised: residuals over their standard deviations, of each point.
+        deviations: standard deviations of the values as the fit has them, of each point; relative but
+            for ε.
+        weights: in the fit, over that of a point on the curve, of each point; empty where all are 1.
         residual_degrees: degrees of freedom of the residuals.
         group_offsets: by label of the group its offset and the standard error of that, the curve
             held fixed; the largest first. Empty without groups; relative but for ε.
@@ -133,6 +150,8 @@ class Goodness:
     noise_dof: float | None = None
     outliers: tuple[Outlier, ...] = ()
     standardised: tuple[float, ...] = field(default=(), repr=False)
+    deviations: tuple[float, ...] = field(default=(), repr=False)
+    weights: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
     group_offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 

@@ -45,6 +45,7 @@ DEFAULT_ODE = sj.ODE(steps=16, solver="dopri5")
 TRIED = 1e-3  # step in z that shows whether yield moves with a parameter
 REACH = 5.0  # standard deviations of a prior within which a search is expected to end
 WIDE = (-np.inf, np.inf)
+NO_DRAG = (-1.0, np.inf)  # of c: a drag coefficient is not negative
 LEAST_RANGE, STEEPEST = 0.2, (-1.0, 0.0)  # of ln v, and of what power of v a curve may be
 LIMIT = OF_CONTACT + "limit_velocity"
 FREE_FOR_SCATTER = 3  # degrees of freedom from which on a scatter is estimated by itself
@@ -421,7 +422,7 @@ def _component(sets, specs, elements, route: Route) -> Component:
     if flights:
         label = f"{DRAG}[{own_specs[flights[0]].data.name}]" if len(specs) > len(sets) else DRAG
         known = Parameter(0.0, prior=(0.0, UNCERTAIN), transform="none")
-        free.append(Element(DRAG, known, Declared(DRAG), 0.0, WIDE, False, label, flights))
+        free.append(Element(DRAG, known, Declared(DRAG), 0.0, NO_DRAG, False, label, flights))
     component = Component(sets, own_specs, tuple(free))
     return replace(component, stages=tuple(_stages(component, route)))
 

@@ -40,7 +40,7 @@ from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.options import FitOptions, documented, idle, require_likelihood
+from calibration.options import FitOptions, documented, idle, merged, require_likelihood
 from calibration.output import replacing, write_text
 
 Progress = Callable[..., None]  # called as progress(stage, done, total)
@@ -354,6 +354,18 @@ class FitResult:
 
         return estimates(self)
 
+    def to_markdown(self) -> str:
+        """The table of parameters in Markdown: value ± standard error, and interval."""
+        from calibration.report.papers import markdown
+
+        return markdown(self)
+
+    def to_latex(self) -> str:
+        r"""The table of parameters as LaTeX's tabular (package booktabs): $\tilde\chi$, $1.794 \pm 0.052$."""
+        from calibration.report.papers import latex
+
+        return latex(self)
+
     def report(self, folder: str | Path) -> list[str]:
         """Write what `softjax fit` writes into a folder: fit.json, pictures, report.html.
 
@@ -363,15 +375,41 @@ class FitResult:
         Raises:
             OSError: where they cannot be written; none of them is then.
         """
+        from calibration import output
         from calibration.report.fit import write_report
 
-        return write_report(self, folder)
+        output.lost.clear()
+        names = write_report(self, folder)
+        for picture, reason in output.lost.items():
+            warnings.warn(f"{picture} could not be drawn ({reason})", stacklevel=2)
+        return names
 
-    def plot(self) -> Any:
-        """Data, fitted curves with their bands, and residuals, as a Matplotlib figure."""
-        from calibration.plots import curves_figure, lines_of
+    def plot(
+        self,
+        ax: Any = None,
+        figsize: tuple[float, float] | None = None,
+        log: bool = False,
+        laws: Mapping[str, sj.ContactLaw] | None = None,
+        points: Any = None,
+    ) -> Any:
+        """Draw data, fitted curves with their bands, and residuals below.
 
-        return curves_figure(self, lines_of(self))
+            upper, lower = result.plot(figsize=(3.35, 3.6), log=True)      # 85 mm wide
+            upper.figure.savefig("fit.pdf")
+
+        Args:
+            ax: Matplotlib's axes to draw into: one for ε, or two with the residuals; of one data set.
+            figsize: width and height of a figure of its own [inches].
+            log: a logarithmic axis of velocity; without it where the data span more than 1.5 decades.
+            laws: further laws, {label: law}, dashed.
+            points: False leaves the data out; `RestitutionData` are drawn, too.
+
+        Returns:
+            The axes: those given; else two, of several data sets one row of two for each.
+        """
+        from calibration.plots import plot
+
+        return plot(self, ax, figsize, log, laws, points)
 
     def _repr_html_(self) -> str:
         from calibration.report.fit import result_html
@@ -405,7 +443,7 @@ def _compared(result: FitResult) -> dict[str, Any]:
 
 @documented
 def fit(
-    data: RestitutionData | Sequence[RestitutionData],
+    data: RestitutionData | Sequence[RestitutionData] | str | Path,
     law: str | type | Callable[..., sj.ContactLaw] | None = None,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
@@ -415,7 +453,9 @@ def fit(
     """Fit a contact law to one data set or several.
 
     Args:
-        data: one `RestitutionData`, or a list of them with different names.
+        data: one `RestitutionData`, or a list of them with different names; or the path of a material
+            file, "my.toml", whose `[fit]` and parameters then act as in `softjax fit my.toml`: options
+            given here win, and `parameters` take the place of the file's.
         law: Zhou's where left out (for data without a contact Eq. (17), or a constant); a name of
             `LAWS`, a class of contact laws, or any function that builds one: law(contact, c1, c2).
         parameters: the parameters of the law: {"chi": ...} for all data sets,
@@ -445,6 +485,8 @@ def fit(
     """
     begun = time.perf_counter()
     with progress_of(progress) as shown, jax.enable_x64(True):
+        if isinstance(data, str | Path):
+            data, law, parameters, options = _of_file(data, law, parameters, options)
         options_of_fit = FitOptions.of(law=law, **options)
         if not (shown is None or callable(shown)):
             accepted = "True, or called as progress(stage, done, total)"
@@ -453,6 +495,20 @@ def fit(
         result = _fitted(request, shown or (lambda *_: None))
     result.times["total"] = time.perf_counter() - begun
     return result
+
+
+def _of_file(path: str | Path, law: Any, parameters: Any, options: dict[str, Any]) -> tuple:
+    """Data, law, parameters and options of a material file, with those that were given in place of its own."""
+    from calibration.data.materials import read_problem
+
+    file = read_problem(path)
+    stated = {
+        name: x for name, x in file.settings.items() if name != "area"
+    }  # the contacts have it
+    settings = merged(stated, options if law is None else {"law": law, **options})
+    data = file.datasets[0] if len(file.datasets) == 1 else file.datasets
+    law = settings.pop("law", None)
+    return data, law, file.parameters if parameters is None else parameters, settings
 
 
 def _fitted(request: Request, tell: Progress) -> FitResult:
@@ -481,7 +537,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         stages.append(stage)
         if not stage.ends.converged[0]:
             found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
-    found_warnings.sort(key=lambda w: w.code != "plausibility")  # whose numbers are all wrong
+    found_warnings.sort(key=lambda warning: warning.rank)
     condition = max(float(fit.uncertainty.condition_number) for fit in fits)
     names, covariance, of_predictions = _covariances(fits)
     return FitResult(

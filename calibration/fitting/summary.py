@@ -11,11 +11,18 @@ import softjax as sj
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
+from calibration.fitting.noise import StudentT
 from calibration.fitting.problem import DRAG
 from calibration.fitting.profiles import Profile, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
-from calibration.fitting.stages import ComponentFit, fitted
-from calibration.fitting.uncertainty import NULL_SHARE, RANK_TOLERANCE, leverages, quantile
+from calibration.fitting.stages import ComponentFit, fitted, run_stage
+from calibration.fitting.uncertainty import (
+    NULL_SHARE,
+    RANK_TOLERANCE,
+    leverages,
+    quantile,
+    uncertainty_of,
+)
 from calibration.fitting.warnings import FitWarning
 from calibration.fitting.warnings_of import of_component, of_set
 from calibration.observables import RESTITUTION
@@ -24,6 +31,8 @@ from calibration.parameters import NONE
 
 RARE = 0.05  # probability that the farthest of n normal errors is named
 MOST_OUTLIERS = 100  # of one data set
+ROBUST = StudentT(4.0)
+MOST_ROBUST = 20_000  # points of a robust fit
 NO_ERRORS = 1e-9  # of ε: residuals below are none
 DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
 PLAIN: dict[str, Any] = {"optimiser": "levenberg-marquardt", "starts": 4}
@@ -43,9 +52,44 @@ def summarise(
     shared_warnings = of_component(fit, by_element, curves)
     sets = range(len(fit.component.sets))
     materials = [_material(fit, g, by_element, options, shared_warnings) for g in sets]
+    materials = _with_robust(fit, materials, options)
     elements = enumerate(fit.component.elements)
     drag = {e.label: by_element[k] for k, e in elements if e.name == DRAG}
     return materials, [w for w in shared_warnings if w.material is None], drag
+
+
+def _with_robust(
+    fit: ComponentFit, materials: list[MaterialFit], options: FitOptions
+) -> list[MaterialFit]:
+    """The outliers that a robust fit leaves first: Student's t with its scale estimated, from where the fit ended.
+
+    Around a curve that one point pulls away most others lie beyond their noise too. No such fit is made of
+    many points, nor of errors that points share.
+    """
+    name, problem = fit.component.stages[0]
+    plain = all(
+        e.is_normal and not e.shares and {*e.unknown} <= {"scatter", "scale"}
+        for e in problem.errors
+    )
+    is_possible = plain and fit.is_likelihood and fit.converged and problem.count <= MOST_ROBUST
+    if not is_possible or not any(part.outliers for part in materials):
+        return materials
+    errors = [replace(e, noise=ROBUST, unknown=("scatter",)) for e in problem.errors]
+    quick = options.model_copy(update=PLAIN | {"starts": 1})
+    stage = run_stage(name, replace(problem, errors=tuple(errors)), fit.z, quick)
+    known = uncertainty_of([(stage.problem, stage.limits)], stage.z)
+    robust = replace(fit, stages=(stage,), z=stage.z, uncertainty=known)
+    left = {
+        (block.set, block.observable, outlier.row)
+        for k, block in enumerate(problem.blocks)
+        for outlier in _goodness(robust, k).outliers
+    }
+    marked = []
+    for g, part in enumerate(materials):
+        outliers = [replace(o, robust=(g, o.observable, o.row) in left) for o in part.outliers]
+        outliers.sort(key=lambda outlier: not outlier.robust)
+        marked.append(replace(part, outliers=tuple(outliers)))
+    return marked
 
 
 def _material(fit: ComponentFit, g: int, by_element, options, shared_warnings) -> MaterialFit:
@@ -189,6 +233,8 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         noise_dof=None if dof is None else float(dof),
         outliers=tuple(outliers),
         standardised=tuple(map(float, standardised)),
+        deviations=tuple(map(float, deviation)),
+        weights=() if errors.is_normal else tuple(map(float, weight)),
         residual_degrees=left,
         group_offsets=offsets,
     )

@@ -29,13 +29,12 @@ ADVICE = {
     ),
     "skewed": "Use the interval, or the posterior: no standard error describes both sides.",
     "collinear": (
-        "Report what is determined; or fix one of them, give it a prior, or measure where they differ."
+        "Report ε(v) rather than either; or fix one of them, give it a prior, or measure where they differ."
     ),
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
     "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
     "model-misfit": (
-        f"The misfit exceeds the noise: these intervals are too narrow. Check the law ({OTHER_LAWS}), or "
-        "estimate by `extra_scatter` what the stated uncertainties lack (an option, also under [fit])."
+        f"Check the outliers and the law ({OTHER_LAWS}), or let `extra_scatter` estimate the noise."
     ),
     "stated-uncertainty": (
         f"Check the stated uncertainties (unit, rounding, what they include) and the law ({OTHER_LAWS}). "
@@ -43,7 +42,7 @@ ADVICE = {
     ),
     "residual-runs": (
         f"The law misses a trend ({OTHER_LAWS}), or points belong together "
-        "(name them in a `group` column); intervals are too narrow."
+        "(name them in a `group` column)."
     ),
     "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
     "offset": (
@@ -80,6 +79,15 @@ ADVICE = {
     "mass-at-bound": "Widen the bound if it was given; else report that the data do not exclude the bound.",
     "follows-prior": "The data do not determine it: measure where it acts, or state a prior that you can justify.",
 }
+# the warnings under which no interval holds, and what the first sentence of a report says then; in the order
+# in which warnings are listed, after those of a property that is not plausible
+NO_INTERVAL_HOLDS = {
+    "not-converged": "the search did not converge",
+    "model-misfit": "the law misses the points by more than their noise",
+    "residual-runs": "the law misses a trend in the points",
+    "several-minima": "another minimum fits nearly as well",
+}
+FIRST = ("plausibility", *NO_INTERVAL_HOLDS)
 Column = Float[np.ndarray, "n"]
 
 
@@ -98,6 +106,11 @@ class FitWarning:
     def __post_init__(self):
         if not self.advice:
             object.__setattr__(self, "advice", ADVICE[self.code])
+
+    @property
+    def rank(self) -> int:
+        """Its place among warnings: the lower, the more of the result it is about."""
+        return FIRST.index(self.code) if self.code in FIRST else len(FIRST)
 
     def __str__(self) -> str:
         where = "" if self.material is None else f" ({self.material})"

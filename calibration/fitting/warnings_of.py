@@ -17,14 +17,14 @@ from calibration.data import plausibility
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate, Goodness, MaterialFit
 from calibration.fitting.noise import Normal
-from calibration.fitting.problem import Element, Lanes
+from calibration.fitting.problem import DRAG, Lanes
 from calibration.fitting.profiles import Profile, weighted_deviation
 from calibration.fitting.search import Ends
 from calibration.fitting.stages import MOVED, ComponentFit, StageFit
 from calibration.fitting.uncertainty import quantile
 from calibration.fitting.warnings import CONFIDENCE, OTHER_LAWS, FitWarning, runs
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.rounding import with_error
+from calibration.rounding import number, with_error
 
 COLLINEAR = 0.99  # correlation from which on two parameters count as one number
 SEPARATE = 1.0  # standard error of ln σ from which on σ and ψ count as one number
@@ -50,7 +50,7 @@ MISSES = f"The law misses a trend ({OTHER_LAWS})."
 CURVE = f"The data are a curve without noise: the law misses it ({OTHER_LAWS})."
 LAW_OR_GROUPS = (
     f"The law misses a trend ({OTHER_LAWS}), or other points belong together than those of the "
-    "groups; intervals are too narrow."
+    "groups."
 )
 AT_ONE = (
     "The data show no loss but the plastic one: eps_up cannot exceed 1; its interval is one-sided."
@@ -79,8 +79,7 @@ def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dic
         if "[" in element.name:  # a number of a network is no parameter that anybody reads
             continue
         owner, estimate = _owner(fit, element.sets), by_element[k]
-        slope = 0.0 if estimate.value is not None else _slope(fit, k)
-        found += raised(owner, _of_element(element, estimate, float(fit.theta[k]), slope))
+        found += raised(owner, _of_element(fit, k, estimate))
         is_open = estimate.method == "undetermined" and estimate.value is not None
         if is_open and not estimate.at_bound and not _is_apart(separation, element.name, owner):
             open_names.setdefault(owner, []).append(element.name)
@@ -119,11 +118,12 @@ def _slope(fit: ComponentFit, k: int) -> float:
     return float(abs(2 * gradient) / np.mean(weighted_deviation(fit, problem, LEAST_NOISE) ** 2))
 
 
-def _of_element(element: Element, estimate: Estimate, value: float, slope: float) -> Found:
+def _of_element(fit: ComponentFit, k: int, estimate: Estimate) -> Found:
+    element, value = fit.component.elements[k], float(fit.theta[k])
     name = element.name
     if estimate.value is None:
         # the cost falls, ever less, however large the parameter gets
-        as_good = "any large value is as good"
+        as_good, slope = "any large value is as good", _slope(fit, k)
         if slope > STILL_FALLS:
             as_good = (
                 f"the search ends at {value:.1g}, where -2 ln L still falls by {slope:.1g} with a factor of "
@@ -133,12 +133,25 @@ def _of_element(element: Element, estimate: Estimate, value: float, slope: float
     elif estimate.at_bound:
         # no bound that somebody gave: ε_17 is 1 at most
         advice = AT_ONE if name == "eps_up" and estimate.value == 1 else ""
+        advice = _of_drag(fit) if name == DRAG else advice
         yield "at-bound", f"{name} is at its bound {estimate.value:.4g}", advice
     mean, deviation = element.parameter.prior or (0.0, np.inf)
     off = abs(value - mean) / deviation
     if off > FROM_PRIOR:
-        text = f"{name} is {value:.3g}, {off:.2g} standard deviations of its prior "
-        yield "prior-conflict", text + f"({mean:.3g} ± {deviation:.2g}) from the mean of that"
+        text = f"{name} is {value:.3g}, {off:.2g} standard deviations from its prior"
+        yield "prior-conflict", f"{text} {mean:.3g} ± {deviation:.2g}"
+
+
+def _of_drag(fit: ComponentFit) -> str:
+    """What to check where flights lose less than by buoyancy alone."""
+    heights = []
+    for data in fit.stages[0].problem.datasets:
+        if data.fall is not None:
+            ends = data.fall.height(np.array([np.min(data.velocity), np.max(data.velocity)]))
+            low, high = (number(float(end), 3) for end in ends)
+            heights.append(f"drops of {low} to {high} {data.fall.unit}?")
+    which = f" ({heights[0]})" if heights else ""
+    return f"A drag coefficient is not negative: check the unit of the heights{which}, size and mass of the ball."
 
 
 def _of_search(stage: StageFit) -> Found:
@@ -175,7 +188,7 @@ def _collinear(fit: ComponentFit, separation: list[FitWarning]) -> list[FitWarni
         measured = np.flatnonzero((points.set == shared[0]) & (points.observable == 0))
         if len(measured):
             middle = _in_the_middle(fit, measured)
-            cause += f"; the data determine ε in their middle, {middle}"
+            cause += f"; ε itself is well determined, {middle}"
         by_owner.setdefault(owner, FitWarning("collinear", cause, owner))
     return list(by_owner.values())
 
@@ -364,7 +377,8 @@ def _misfit(goodness: Goodness, of_noise: float | None) -> str | None:
     if reduced <= limit:
         return None
     # of points that count unequally rms and noise are no measure of it
-    return f"residuals of {reduced**0.5:.3g} times the noise (reduced chi squared {reduced:.3g})"
+    size = f"residuals of {number(reduced**0.5, 3)} times the noise"
+    return f"{size} (reduced chi squared {number(reduced, 3)})"
 
 
 def _misfit_about_eq_17(part: MaterialFit, about_eq_17: float) -> str | None:

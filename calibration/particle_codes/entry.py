@@ -105,7 +105,7 @@ def export(
         for file, text in files.items():
             write_text(folder / file, text)
         write_text(folder / report, dumps(made.to_dict()))
-        style.save(made.draw(), folder / picture)
+        style.draw(made.draw, folder / picture)
     return made
 
 

@@ -4,6 +4,7 @@ from calibration.plots.curves import (
     comparison_figure,
     curves_figure,
     observables_figure,
+    plot,
     restitution_figure,
 )
 from calibration.plots.lines import Line, lines_of
@@ -13,7 +14,7 @@ from calibration.plots.parameters import (
     profiles_figure,
     unloading_line_figure,
 )
-from calibration.plots.style import save
+from calibration.plots.style import draw, save
 from calibration.plots.tracks import track_figure
 
 __all__ = [
@@ -21,8 +22,10 @@ __all__ = [
     "comparison_figure",
     "correlation_figure",
     "curves_figure",
+    "draw",
     "lines_of",
     "observables_figure",
+    "plot",
     "posterior_figure",
     "profiles_figure",
     "restitution_figure",

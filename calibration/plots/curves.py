@@ -1,6 +1,7 @@
 """Restitution and other observables over impact velocity: data, fitted curves, residuals."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import cycle
 from typing import Any
 
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, NullFormatter
 
 import softjax as sj
+from calibration.data import RestitutionData
 from calibration.errors import DataError
 from calibration.fitting.curves import distinct_impacts, of_impact, yield_velocity
 from calibration.fitting.laws import eq_17
@@ -17,7 +19,7 @@ from calibration.fitting.request import blocks_of
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.options import LAWS
 from calibration.plots import style
-from calibration.plots.lines import Line
+from calibration.plots.lines import Line, lines_of
 from calibration.rounding import number
 
 MARKERS = "s^vDoP"  # of residuals
@@ -32,6 +34,47 @@ LEAST_SPAN = 0.05  # of ε: a curve's height is at least this for that purpose
 INVISIBLE = 1e-6  # width of a band that is not drawn: data without scatter
 ROOM = 0.5  # room above and below the data in the close-up of laws, relative to their height
 WIDTHS = (3.4, 0.3, 1.2)  # of the first law drawn, how much less of each further one, the least
+
+
+def plot(
+    result: Any,
+    ax: Axes | Sequence[Axes] | None = None,
+    figsize: tuple[float, float] | None = None,
+    log: bool = False,
+    laws: Mapping[str, sj.ContactLaw] | None = None,
+    points: RestitutionData | bool | None = None,
+) -> Any:
+    """Data, fitted curves with their bands, and residuals below: `FitResult.plot`."""
+    own = None
+    if ax is not None:
+        own = np.ravel(np.asarray(ax, dtype=object)).tolist()
+        if len(result.materials) > 1 or len(own) > 2 or figsize is not None:
+            accepted = "one for ε, or two with the residuals; of one data set, without figsize"
+            raise DataError("ax", f"{len(own)} axes", accepted)
+    shades = cycle((style.GREEN, style.PURPLE, style.SKY, style.BLACK))
+    more = [
+        Line(label, partial(_of_law, law), color, "--")
+        for (label, law), color in zip((laws or {}).items(), shades, strict=False)
+    ]
+    shown = [(fit, None, [*lines_of(result)[fit.name], *more]) for fit in result.materials]
+    if own is None:
+        height = 4.0 if len(result.materials) <= style.COLUMNS else 3.3
+        _, grid = _figure(result, shown, height, "data sets", log=log, size=figsize, points=points)
+        return grid[0] if len(grid) == 1 else grid
+    pair = [*own, style.new_figure(1.0).add_subplot()][:2]  # an axis that is not shown
+    logarithmic = log or style.spans_decades(result.materials[0].data.velocity)
+    _plot_observable(result, *shown[0][:2], pair, shown[0][2], False, False, logarithmic, points)
+    if len(own) == 1:
+        pair[0].tick_params(labelbottom=True)
+        pair[0].set_xlabel(style.VELOCITY)
+    pair[0].legend(frameon=False, fontsize="small")
+    return ax
+
+
+def _of_law(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
+    """ε of a law; NaN where nothing rebounds."""
+    hit = sj.restitution(law, velocity)
+    return np.where(np.asarray(hit.status) & NO_VALUE != 0, np.nan, hit.coefficient)
 
 
 def curves_figure(
@@ -54,7 +97,7 @@ def curves_figure(
         raise DataError("ratio", ratio, "False where there is no contact")
     height = 4.0 if len(result.materials) <= style.COLUMNS else 3.3
     shown = [(fit, None, (lines or {}).get(fit.name, ())) for fit in result.materials]
-    figure = _figure(result, shown, height, "data sets", ratio, from_rest)
+    figure, _ = _figure(result, shown, height, "data sets", ratio, from_rest)
     for ax in figure.axes:
         if not ax.get_subplotspec().is_first_col():  # type: ignore[union-attr]
             ax.set_ylabel("")
@@ -66,20 +109,28 @@ def curves_figure(
 def observables_figure(result: Any) -> Figure | None:
     """The same of each observable other than ε, with relative residuals; None if none was measured."""
     shown = [(fit, observed, ()) for fit in result.materials for observed in fit.data.observed]
-    return _figure(result, shown, 4.0, "observables") if shown else None
+    return _figure(result, shown, 4.0, "observables")[0] if shown else None
 
 
 def _figure(
-    result: Any, shown: list[Any], height: float, what: str, ratio=False, from_rest=False
-) -> Figure:
-    figure, grid = style.panels(len(shown), height, what, (2.6, 1), 0.75)
+    result: Any,
+    shown: list[Any],
+    height: float,
+    what: str,
+    ratio=False,
+    from_rest=False,
+    log: bool = False,
+    size: tuple[float, float] | None = None,
+    points: RestitutionData | bool | None = None,
+) -> tuple[Figure, Any]:
+    figure, grid = style.panels(len(shown), height, what, (2.6, 1), 0.75, size)
     measured = [f.data.velocity[slice(None) if o is None else o.rows] for f, o, _ in shown]
-    wide = not from_rest and any(map(style.spans_decades, measured))
+    wide = log or (not from_rest and any(map(style.spans_decades, measured)))
     logarithmic = wide and min(map(np.min, measured)) > 0  # one kind of axis for all
     for (fit, observed, lines), axes in zip(shown, grid, strict=False):
-        _plot_observable(result, fit, observed, axes, lines, ratio, from_rest, logarithmic)
+        _plot_observable(result, fit, observed, axes, lines, ratio, from_rest, logarithmic, points)
     style.legend_below(figure, list(grid.flat), first=FIRST)
-    return figure
+    return figure, grid
 
 
 def _plot_observable(
@@ -91,6 +142,7 @@ def _plot_observable(
     ratio: bool,
     from_rest: bool,
     logarithmic: bool,
+    points: RestitutionData | bool | None = None,
 ) -> None:
     """Data, curves and residuals of one observable; ε for None."""
     (upper, lower), data, sizes = axes, fit.data, distinct_impacts(fit)
@@ -113,7 +165,18 @@ def _plot_observable(
             subsets = [(data.group[rows] == group, text) for group, text in names.items()]
     for line in lines:
         _plot_line(upper, line, *_sorted(fine / scale, line.value(fine)))
-    style.points(upper, x, value, error, None if across is None else across / scale, label="data")
+    if lines:  # the picture is of the data: curves that are far from them leave it
+        seen = np.concatenate([value, result.band(fine, fit.name, observable=name).coefficient])
+        low, high = np.nanmin(seen), np.nanmax(seen)
+        upper.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    if points is not False:
+        style.points(
+            upper, x, value, error, None if across is None else across / scale, label="data"
+        )
+    if isinstance(points, RestitutionData):
+        errors = points.uncertainty, points.velocity_uncertainty
+        look = {"color": style.VERMILION, "marker": "s", "label": style.plain(points.name)}
+        style.points(upper, points.velocity / scale, points.restitution, *errors, **look)
     status = np.zeros(len(data), int)
     status[next(blocks_of(data))[2]] = fit.status
     flagged = ~sj.Status.is_ok(status[rows])
@@ -136,7 +199,9 @@ def _plot_observable(
         style.points(lower, x[which], left[which], up, None, color, marker, text)
     lower.ticklabel_format(axis="y", scilimits=(-3, 3))
     lower.margins(y=0.12)  # of whole markers
-    far = np.isin(rows + 1, [o.row for o in fit.outliers if o.observable == name])
+    far = np.isin(
+        rows + 1, [o.row for o in fit.outliers if o.observable == name and o.robust is not False]
+    )
     others = np.append(value[~far], fitted)
     ends = np.array([np.nanmin(others), np.nanmax(others)])
     room = WIDEST * max(np.ptp(ends), LEAST_SPAN * ends[1])

@@ -1,17 +1,21 @@
 """Colours that colour-blind readers distinguish, and figures without pyplot."""
 
+import errno
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from calibration import output
 from calibration.errors import printable
 
 # M. Okabe and K. Ito, Color Universal Design (2008)
@@ -32,7 +36,41 @@ COLUMNS = 2  # panels side by side in it
 LINE = 72  # letters of a title above all panels
 LONGEST = 20  # letters of a name in a small panel
 MOST = 24  # panels of one picture: a hundred take a minute to draw
+LONGEST_REASON = 200  # letters
+NARROW = 4.5  # inches: a narrower picture has smaller letters in its legend
 LOG_DECADES = 1.5  # data that span more are drawn over a logarithmic axis
+
+
+# errors of a device or a folder, which concern all results
+OF_DEVICE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS, errno.EACCES}
+
+
+@contextmanager
+def own_settings() -> Iterator[None]:
+    """Matplotlib's defaults in place of the user's settings: a file of results does not depend on these."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        yield
+
+
+def draw(make: Callable[[], Figure | Axes | None], path: Path) -> bool:
+    """Make a picture and save it, with settings of its own; False where there is none.
+
+    One that fails is entered in `output.lost`, and nothing else of the results is.
+    """
+    try:
+        with own_settings():
+            picture = make()
+            if picture is not None:
+                save(picture, path)
+            return picture is not None
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in OF_DEVICE:
+            raise
+        path.unlink(missing_ok=True)
+        reason = " ".join(str(error).split())
+        output.lost[path.name] = f"{type(error).__name__}: {reason}"[:LONGEST_REASON]
+        return False
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
@@ -68,16 +106,23 @@ def shortened(text: str) -> str:
 
 
 def panels(
-    count: int, height: float, what: str, heights: Sequence[float] = (1.0,), legend: float = 0.5
+    count: int,
+    height: float,
+    what: str,
+    heights: Sequence[float] = (1.0,),
+    legend: float = 0.5,
+    size: tuple[float, float] | None = None,
 ) -> tuple[Figure, Any]:
     """A figure with (panels, len(heights)) axes in up to `COLUMNS` columns, for `MOST` of `count` things.
 
-    `height` is that of a panel and `legend` room below [inches], `heights` the relative ones of its axes.
+    `height` is that of a panel and `legend` room below [inches], `heights` the relative ones of its axes,
+    `size` (width, height) of the figure where it is stated.
     """
     shown, deep = min(count, MOST), len(heights)
     columns = min(shown, COLUMNS)
     rows = math.ceil(shown / columns)
-    figure = new_figure(height * rows + legend * (shown % columns == 0))
+    width, tall = size or (WIDTH, height * rows + legend * (shown % columns == 0))
+    figure = new_figure(tall, width)
     grid: Any = figure.subplots(
         deep * rows, columns, squeeze=False, height_ratios=[*heights] * rows
     )
@@ -140,6 +185,8 @@ def legend_below(figure: Figure, axes: Sequence[Axes], columns: int = 2, first: 
     handles = {name: handles[name] for name in first if name in handles} | handles
     place: dict[str, Any] = {"loc": "outside lower center", "frameon": False, "fontsize": "small"}
     place["handlelength"] = 4.0  # room for dashes
+    if figure.get_figwidth() < NARROW:
+        place |= {"fontsize": "x-small", "handlelength": 2.5}
     last = axes[-1].get_subplotspec()
     if last is not None and not last.is_last_col():
         above, rows = last.rowspan.start, last.get_gridspec().nrows

@@ -15,8 +15,8 @@ from calibration.rounding import ABSENT, number
 WHOLE = 1000  # larger elpd, AIC and BIC are rounded to whole numbers
 EXPLAINED = (
     "Sorted by elpd, the expected log predictive density: each point is predicted by the fit without "
-    "it. Δelpd: difference to the best law ± its standard error; below two standard errors and below 4 "
-    "it is a tie. Weight: share in the mixture of laws that predicts best. LOO rms: rms of the "
+    "it. Δelpd: difference to the best law ± its standard error; below 4, or below two standard errors, "
+    "it is a tie. Weight: share in the mixture of laws that predicts best, which decides no tie. LOO rms: rms of the "
     "predictions of points left out. k: number of fitted parameters, unknown variances among them."
 )
 

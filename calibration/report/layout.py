@@ -27,9 +27,9 @@ CODE = re.compile(r"`((?:softjax )?[\w-]+)`")
 
 
 class Block(NamedTuple):
-    """A title, heading, lead, about, text, strong, code, list, warnings, table or picture.
+    """A title, heading, lead, about, text, head, strong, code, list, warnings, table or picture.
 
-    Its value is a text; of a list texts or `Item`s; a DataFrame of texts; a picture's caption and file.
+    Its value is a text, of a head that of the block below; of a list texts or `Item`s; a DataFrame of texts; a picture's caption and file.
     """
 
     kind: str
@@ -46,7 +46,8 @@ class Item(NamedTuple):
 
 def terminal(blocks: Iterable[Block]) -> str:
     """Blocks as text as wide as the terminal; titles and pictures are left out."""
-    return "\n\n".join("\n".join(lines) for lines in map(_lines, blocks) if lines)
+    parts = [(block.kind, "\n".join(lines)) for block in blocks if (lines := _lines(block))]
+    return "".join(text + ("\n" if kind == "head" else "\n\n") for kind, text in parts).rstrip()
 
 
 def page(blocks: Sequence[Block], folder: Path | None = None) -> str:
@@ -88,11 +89,10 @@ def _lines(block: Block) -> list[str]:
     if kind == "table":
         return [table_text(value)]
     if kind in ("list", "warnings"):
-        texts = [e if isinstance(e, str) else f"{e[0]}{e[1]} {e[2]}" for e in value]
+        texts = [e if isinstance(e, str) else f"{e[0]}{e[1]} {e[2]}".rstrip() for e in value]
         mark = "  ! " if kind == "warnings" else "  "
         lines = console.wrapped(map(printable, texts), mark, "    ")
-        head = ["Warnings:" if lines else "No warnings."] if kind == "warnings" else []
-        return head + lines
+        return ["Warnings:", *lines] if kind == "warnings" else lines
     return console.wrapped(map(printable, value.splitlines()))
 
 

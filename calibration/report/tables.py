@@ -8,22 +8,32 @@ import pandas as pd
 
 from calibration import symbols
 from calibration.fitting.material import Estimate
+from calibration.fitting.warnings import FIRST, NO_INTERVAL_HOLDS
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.report.layout import Block, Item
-from calibration.rounding import ABSENT, interval, number, with_error
+from calibration.rounding import ABSENT, interval, number, to_place, with_error
 
 Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published value}}
 MANY = 1000  # degrees of freedom: with more, Student's t counts as the normal distribution
-MOST_OUTLIERS = 10
+MOST_OUTLIERS = 3
+MOST_SETS = 3  # that are named
 MOST_GROUPS = 20  # rows of the table of their offsets
 ROUNDING = 1e-12  # of ε
-MISFIT = 0.1  # share of the points above which outliers are reported as a misfit
+QUALITY = {  # columns of the goodness of fit
+    "dof": "degrees of freedom of the residuals",
+    "scatter": "estimated standard deviation of a single ε",
+    "between groups": "estimated standard deviation of the groups' offsets in ε",
+    "of times [ms]": "estimated standard deviation of the times of bounces",
+    "χ²/dof": "squared residuals over the stated variances, per degree of freedom",
+    "factor": "by which the stated uncertainties were scaled, √(χ²/dof)",
+    "P": "probability of a χ² at least as large if law and stated uncertainties hold",
+}
+SCALE = "estimated scale of Student's t of a single ε"
 METHODS = {
     "profile": "where the profile likelihood crosses its threshold; open if it never does",
-    "wald": "from the standard error, on the scale of the search",
+    "wald": "the estimate and its standard error times a quantile, of ln θ where θ is positive",
     "derived": "from the covariance of the fitted parameters",
 }
-NOT_JUDGED = "not checked, without profiles: whether standard errors describe the intervals"
 PROPERTIES = {
     "youngs_modulus": "E [Pa]",
     "poisson_ratio": "ν",
@@ -32,17 +42,35 @@ PROPERTIES = {
 }
 
 
-def warning_items(warnings: Iterable[Any], result: Any) -> list[Item]:
-    """Warnings, with the symbols of the tables: χ̃, not chi."""
-    models = [fit.model for fit in result.materials]
-    return [
-        Item(
-            warning.code,
-            f"{f' ({warning.material})' if warning.material else ''}: {symbols.written(warning.cause, models)}.",
-            symbols.written(warning.advice, models),
-        )
-        for warning in warnings
-    ]
+def warning_items(warnings: Iterable[Any], result: Any, brief: bool = False) -> list[Item]:
+    """Warnings with the symbols of the tables: χ̃, not chi; those of one code and advice together.
+
+    Args:
+        brief: where no interval holds, the advice of other warnings than those that say so is left out.
+    """
+    models, several = [fit.model for fit in result.materials], len(result.materials) > 1
+    no_interval = has_intervals(result) and any(w.code in NO_INTERVAL_HOLDS for w in warnings)
+    causes: dict[tuple[str, str], dict[str, list[str]]] = {}
+    for warning in warnings:
+        owners = causes.setdefault((warning.code, warning.advice), {}).setdefault(warning.cause, [])
+        owners += [warning.material] if several and warning.material else []
+    items = []
+    for (code, advice), of in causes.items():
+        parts = [
+            f"{who}: {cause}" if (who := whose(names, result)) else cause
+            for cause, names in of.items()
+        ]
+        is_lesser = brief and no_interval and code not in FIRST
+        text = symbols.written("; ".join(parts), models)
+        items.append(Item(code, f": {text}.", "" if is_lesser else symbols.written(advice, models)))
+    return items
+
+
+def whose(names: list[str], result: Any) -> str:
+    """Some data sets by name, or how many; nothing where it is about all of them."""
+    if len(names) == len(result.materials):
+        return ""
+    return ", ".join(names) if len(names) <= MOST_SETS else f"{len(names)} data sets"
 
 
 def estimates(result: Any) -> pd.DataFrame:
@@ -81,8 +109,14 @@ def _estimates(
         yield "all together", name, symbol, name, estimate
 
 
-def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame:
-    """Value, standard error and interval of each parameter, and published values if any."""
+def parameter_table(
+    result: Any, printed: Printed | None = None, brief: bool = False
+) -> pd.DataFrame:
+    """Value, standard error and interval of each parameter, and published values if any.
+
+    Args:
+        brief: without the material where there is one, and without where intervals come from.
+    """
     rows: list[dict[str, str]] = []
     before, with_intervals = None, bool(interval_methods(result))
     for owner, name, symbol, label, estimate in _estimates(result, printed):
@@ -95,7 +129,9 @@ def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame
             row[f"{100 * result.confidence:g} % interval"] = ends = interval_text(estimate)
             dof = result.degrees_of_freedom(label)
             of_t = "" if dof is None or dof >= MANY else f", dof = {number(dof, 3)}"
-            row["interval from"] = "" if ends == ABSENT else estimate.method + of_t
+            row |= (
+                {} if brief else {"interval from": "" if ends == ABSENT else estimate.method + of_t}
+            )
         if printed is not None:
             value = printed.get(owner, {}).get(name)
             row["Table 1"] = "" if value is None else f"{value:.5g}"
@@ -107,7 +143,23 @@ def parameter_table(result: Any, printed: Printed | None = None) -> pd.DataFrame
             owner = "" if fit.name == before else fit.name
             rows.append({"material": owner, "parameter": tree.name, "value ± std. error": text})
             before = fit.name
-    return pd.DataFrame(rows).fillna("")
+    table = pd.DataFrame(rows).fillna("")
+    return table.drop(columns=["material"] * (brief and len(result.materials) == 1))
+
+
+def has_intervals(result: Any) -> bool:
+    """Whether any parameter has an interval."""
+    return any(interval_text(estimate) != ABSENT for *_, estimate in _estimates(result))
+
+
+def meanings(result: Any) -> list[str]:
+    """Meanings of the symbols of the parameters."""
+    words = {
+        symbols.symbol(name, fit.model).text: symbols.words(name, fit.model)
+        for fit in result.materials
+        for name in {**fit.parameters, **fit.derived}
+    }
+    return [f"{symbol}: {text}" for symbol, text in words.items() if text]
 
 
 def interval_methods(result: Any) -> dict[str, str]:
@@ -122,23 +174,31 @@ def estimate_text(estimate: Any) -> str:
         return "not determined" if estimate.free else ABSENT
     if estimate.method == "fixed" and not estimate.free:
         return f"{number(estimate.value, 5)} (fixed)"
-    text = with_error(estimate.value, estimate.printed_error)
-    return text + " (at its bound)" * estimate.at_bound
+    if estimate.at_bound:
+        return f"{number(estimate.value, 5)} (at its bound)"
+    if estimate.printed_error is None and estimate.rounding_error is not None:
+        return to_place(estimate.value, estimate.rounding_error)
+    return with_error(estimate.value, estimate.printed_error)
 
 
 def interval_text(estimate: Any) -> str:
     """Text of the interval, or a dash."""
     if estimate.standard_error is None and estimate.low is None and estimate.high is None:
         return ABSENT
-    return interval(estimate.low, estimate.high, estimate.printed_error)
+    return interval(estimate.low, estimate.high, estimate.rounding_error)
 
 
-def fitted_texts(fit: Any, level: float | None = None) -> list[str]:
-    """`χ̃ = 1.7 ± 0.1` of each free parameter of a data set, with unit and, at a level, interval."""
+def fitted_texts(fit: Any, level: float | None = None, with_errors: bool = True) -> list[str]:
+    """`χ̃ = 1.7 ± 0.1` of each free parameter of a data set, with unit and, at a level, interval.
+
+    Args:
+        with_errors: else three digits, as a value is known whose errors do not hold.
+    """
     texts = []
     for name, estimate in fit.parameters.items():
         symbol = symbols.symbol(name, fit.model)
-        both = estimate_text(estimate), interval_text(estimate)
+        text = estimate_text(estimate) if with_errors else number(estimate.value, 3)
+        both = text, interval_text(estimate)
         value, ends = (t if t == ABSENT else f"{t} {symbol.unit}".rstrip() for t in both)
         if level is not None and ABSENT not in (value, ends):
             value += f" ({100 * level:g} % interval {ends})"
@@ -146,16 +206,27 @@ def fitted_texts(fit: Any, level: float | None = None) -> list[str]:
     return texts + [f"{tree.size} numbers of {tree.name}" for tree in fit.trees]
 
 
-def quality_table(result: Any) -> pd.DataFrame:
-    """Goodness of fit of each data set, and its estimated scatter; without columns of no number."""
+def quality_words(result: Any) -> list[str]:
+    """What the columns of the goodness of fit are."""
+    table = quality_table(result)
+    words = QUALITY | {"scatter": SCALE} if result.settings.get("noise") == "student-t" else QUALITY
+    return [f"{name}: {text}" for name, text in words.items() if name in table]
+
+
+def quality_table(result: Any, brief: bool = False) -> pd.DataFrame:
+    """Goodness of fit of each data set, and its estimated scatter; without columns of no number.
+
+    Args:
+        brief: without the material where there is one, and what holds of all that converged.
+    """
     rows, line = [], result.unloading_line
     for fit in result.materials:
         chi_squared = fit.reduced_chi_squared
         numbers = {
-            "dof": (fit.residual_degrees, max(4, len(f"{fit.residual_degrees:.0f}"))),
+            "dof": (fit.residual_degrees, max(3, len(f"{fit.residual_degrees:.0f}"))),
             "rms": (_size(fit.rms), 4),
             "rms of Eq. (17)": (_size(fit.rms_empirical), 3),
-            "rms on Eq. (18)": (line and line.rms.get(fit.name), 4),
+            "rms, χ̃ by Eq. (18)": (line and line.rms.get(fit.name), 4),
             "scatter": (_size(fit.noise), 3),
             "between groups": (fit.group_deviation, 3),
             fit.data.errors.measured_by.spread: (fit.timing and 1e3 * fit.timing, 3),
@@ -169,7 +240,17 @@ def quality_table(result: Any) -> pd.DataFrame:
         rows.append(row | {"converged": "yes" if fit.converged else "NO"})
     table = pd.DataFrame(rows)
     empty = [name for name in table if (table[name] == ABSENT).all()]
+    if brief:
+        empty += ["material"] * (len(table) == 1) + ["converged"] * bool(result.converged)
     return table.drop(columns=[*empty, *["law"] * (table["law"].nunique() == 1)])
+
+
+def quality_line(result: Any) -> str | None:
+    """The goodness of fit of one data set as a line; None of several."""
+    table = quality_table(result, brief=True)
+    if len(table) > 1:
+        return None
+    return ", ".join(f"{name} {cell}" for name, cell in table.iloc[0].items())
 
 
 def _size(value: float | None) -> float | None:
@@ -199,6 +280,35 @@ def observables_blocks(result: Any) -> list[Block]:
     return [Block("table", pd.DataFrame(rows)), Block("list", remarks)] if rows else []
 
 
+def points_table(result: Any) -> pd.DataFrame:
+    """Every measured ε: material, row of its file, v, ε, u, residual, weight, group.
+
+    u is the standard deviation as the fit has it (estimated scatter included, offsets of groups not), the
+    residual is measured less fitted ε, the weight that in the fit over that of a point on the curve.
+    """
+    tables = []
+    for fit in result.materials:
+        data = fit.data
+        rows = np.flatnonzero(np.isfinite(data.restitution))
+        if not len(rows):
+            continue
+        fitted = result.band(data.velocity, fit.name).coefficient[rows]
+        lines = () if data.origin is None else data.origin.lines
+        places = np.array(lines)[rows] if len(lines) == len(data.velocity) else rows + 1
+        columns = {
+            "material": fit.name,
+            "row": places,
+            "velocity [m/s]": data.velocity[rows],
+            "restitution": data.restitution[rows],
+            "uncertainty": fit.deviations or np.nan,
+            "residual": data.restitution[rows] - fitted,
+            "weight": fit.weights or 1.0,
+            "group": "" if data.group is None else np.asarray(data.group)[rows],
+        }
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables) if tables else pd.DataFrame(columns=["material", "row"])
+
+
 def group_blocks(result: Any) -> list[Block]:
     """The largest offsets of groups, in a table; no block without groups."""
     rows, several = [], len(result.materials) > 1
@@ -221,25 +331,31 @@ def group_blocks(result: Any) -> list[Block]:
     return [Block("text", text), Block("table", table)]
 
 
-def outlier_lines(result: Any) -> list[str]:
-    """The largest outliers, and a line about misfit if there are many."""
-    lines: list[str] = []
+def outlier_lines(result: Any) -> tuple[str, list[str]]:
+    """How many points lie beyond the noise, and lines about at most three of them.
+
+    These are those apart from the others by a robust fit, where one was made.
+    """
+    found, count, several = [], 0, len(result.materials) > 1
     for fit in result.materials:
-        outliers = sorted(fit.outliers, key=lambda outlier: -abs(outlier.residual))
-        owner = f", {fit.name}" if len(result.materials) > 1 else ""
-        count = np.sum(np.isfinite(fit.data.restitution)) + sum(map(len, fit.data.observed))
-        if len(outliers) > max(MISFIT * count, 3):
-            lines.append(
-                f"misfit{owner}: noise does not explain {len(outliers)} of {count} points: "
-                "the law or the stated errors are wrong"
-            )
-        lines += [
-            f"outlier{owner}: {o}{_heights(o, fit.data.fall)}" for o in outliers[:MOST_OUTLIERS]
-        ]
-        more = len(outliers) - MOST_OUTLIERS
-        lines += [f"outlier{owner}: {more} more in fit.json"] if more > 0 else []
-    parameters = [e for fit in result.materials for e in fit.parameters.values()]
-    return [*lines, NOT_JUDGED] if any(e.skewed is None for e in parameters) else lines
+        count += len(fit.standardised) + sum(len(g.standardised) for g in fit.observed.values())
+        owner = f"{fit.name}, " if several else ""
+        found += [(owner, outlier, fit.data.fall) for outlier in fit.outliers]
+    if not found:
+        return "", []
+    lie = "points lie" if len(found) > 1 else "points lies"
+    beyond = f"{len(found)} of {count} {lie} beyond the noise"
+    apart = [each for each in found if each[1].robust is not False]
+    if not apart:
+        return f"{beyond}, none apart from the others (by a robust fit): see points.csv.", []
+    apart.sort(key=lambda each: -abs(each[1].residual))
+    named = apart[:MOST_OUTLIERS]
+    lines = [f"{owner}{outlier}{_heights(outlier, fall)}" for owner, outlier, fall in named]
+    if len(named) == len(found):
+        return f"{beyond}:", lines
+    is_robust = all(outlier.robust for _, outlier, _ in apart)
+    which = "those apart from the others, by a robust fit" if is_robust else "the largest"
+    return f"{beyond} (points.csv); {which}:", lines
 
 
 def _heights(outlier: Any, fall: Any) -> str:

@@ -79,8 +79,8 @@ class Difference(NamedTuple):
 
     @property
     def is_tie(self) -> bool:
-        """Whether it is below `TIE` standard errors, and below `NEAR`."""
-        return abs(self.value) < min(TIE * self.standard_error + ROUNDING, NEAR)
+        """Whether it is below `NEAR`, or below `TIE` standard errors."""
+        return abs(self.value) < max(TIE * self.standard_error + ROUNDING, NEAR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,15 +281,13 @@ def _noise_and_lead(data: RestitutionData, scored: Sequence[Entry]) -> Iterator[
     if tied:
         yield f"The data do not decide between {best.label} and {listed(tied)}."
         return
-    second, (lead, differences) = next(iter(behind.items()))
+    second, (_, differences) = next(iter(behind.items()))
     wins = f"it predicts {int(np.sum(differences > 0))} of {len(differences)} points better"
     if len(differences) == len(data):  # ε of each impact, and nothing else
         best_velocities = data.velocity[np.argsort(-differences)[: max(len(differences) // 5, 1)]]
         ends = (f"{end(best_velocities):.3g}" for end in (np.min, np.max))
         wins += f", most at {' to '.join(dict.fromkeys(ends))} m/s"
-    is_sure = abs(lead.value) >= TIE * lead.standard_error
-    ahead, doubt = ("best: ahead", "") if is_sure else ("ahead", ", less than two standard errors")
-    yield f"{best.label} is {ahead} of {second} by {text[second]}{doubt}; {wins}."
+    yield f"{best.label} is best: ahead of {second} by {text[second]}; {wins}."
 
 
 def _chosen(laws: Any, parameters: Mapping[str, Any] | None) -> list[Candidate]:

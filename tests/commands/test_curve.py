@@ -393,7 +393,9 @@ def test_no_velocity_errs_by_more(name, at):
     code, _, error = run("curve", "nylon", *options.split(), *words, "--table")
     assert code == 0, error
     path = at / "results" / "curve.txt"
-    promised = re.search(r"errs by about (\S+) at most", path.read_text(encoding="utf-8"))[1]
+    promised = re.search(
+        r"differs from the curve by about (\S+) at most", path.read_text(encoding="utf-8")
+    )[1]
     velocity, coefficient = np.loadtxt(path)[:, :2].T
     assert np.all(np.diff(velocity) > 0)
     assert len(given) == 2 or np.array_equal(velocity, given)

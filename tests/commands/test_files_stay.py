@@ -6,7 +6,7 @@ from tests.command import run
 
 # all that a command may write, whichever command it is
 RESULTS = (
-    *("fit.json", "report.html", "curves.png", "profiles.png", "correlation.png"),
+    *("fit.json", "points.csv", "report.html", "curves.png", "profiles.png", "correlation.png"),
     *("posterior.png", "posterior.nc", "compare.json", "compare.png"),
     *("curve.csv", "curve.png", "curve.txt"),
     *("sensitivity.json", "sensitivity.csv", "sensitivity.png", "tornado.png", "design.png"),
@@ -20,7 +20,7 @@ CONSTANT = ("--law", "constant", "--set", "restitution=0.8")
 SENSITIVITY = ("sensitivity", "nylon", *CONSTANT)
 EXPORT = ("export", "nylon", "--law", *CONSTANT[1:])
 COMMANDS = {
-    "fit": (("fit", "ALLOY"), {"fit.json", "report.html", "curves.png"}),
+    "fit": (("fit", "ALLOY"), {"fit.json", "points.csv", "report.html", "curves.png"}),
     "compare": (("compare", "ALLOY", "--laws", "constant"), {"compare.json", "compare.png"}),
     "curve": (("curve", "nylon", *CONSTANT, "--points", "9"), {"curve.csv", "curve.png"}),
     "table": (("curve", "nylon", *CONSTANT, "--points", "9", "--table"), {"curve.txt"}),

@@ -96,7 +96,7 @@ CASES = {
 }
 # further below, and `area`, which is of the bodies and read with them
 BY_THEMSELVES = {"route", "seed", "end", "rtol", "area"}
-OF_THE_COMMAND = {"out", "quiet", "no-cache", "help", "posterior", "json", "air"}
+OF_THE_COMMAND = {"out", "quiet", "no-cache", "help", "posterior", "json", "verbose", "air"}
 
 
 def test_every_setting_has_a_case_here():

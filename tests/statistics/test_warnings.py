@@ -197,7 +197,7 @@ def test_raised_by_one_and_not_by_its_neighbour(case):
     assert code not in codes(quiet)
     said = [f"{x.code}: {x.cause}; {x.advice}" for x in (*raised.warnings, *quiet.warnings)]
     as_recorded(f"warnings, {case}", {"raised and quiet": "\n\n".join(said)})
-    assert f"{code} (" in str(raised)
+    assert f"! {code}: " in str(raised)
     assert code in raised.to_json()
 
 

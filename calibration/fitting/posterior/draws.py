@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 import softjax as sj
 from calibration.data.checks import check_whole
-from calibration.errors import DataError, InputError
+from calibration.errors import INSTALL, DataError, InputError
 from calibration.fitting.curves import band_of, curve_and_slopes, curve_problem, further_variances
 from calibration.fitting.errors import CALLED
 from calibration.fitting.laws import eps_up_of
@@ -40,7 +40,6 @@ OF_BAND = 1000  # draws of a band
 UNITS = {"timing": "s"}
 POINTS = "restitution"  # what the variable of all points is called
 DIMS = ("chain", "draw")
-INSTALL = 'pip install -e ".[bayes]" in its folder'
 Progress = Callable[[str, int, int], None] | None
 
 
@@ -58,7 +57,9 @@ def needed(name: str) -> Any:
         if error.name is None or error.name.partition(".")[0] != name:
             raise
         problem = f"a posterior needs {name}, which is not installed"
-        raise MissingExtra(None, None, problem, f"install it with {INSTALL}") from None
+        raise MissingExtra(
+            None, None, problem, f"install it with {INSTALL.format('bayes')}"
+        ) from None
 
 
 def check_possible(objective: str | None) -> None:
