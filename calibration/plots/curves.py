@@ -74,7 +74,7 @@ def plot(
 def _of_law(law: sj.ContactLaw, velocity: np.ndarray) -> np.ndarray:
     """ε of a law; NaN where nothing rebounds."""
     hit = sj.restitution(law, velocity)
-    return np.where(np.asarray(hit.status) & NO_VALUE != 0, np.nan, hit.coefficient)
+    return np.where(sj.Status.has_rebound(np.asarray(hit.status)), hit.coefficient, np.nan)
 
 
 def curves_figure(
