@@ -192,9 +192,10 @@ def check_velocity(velocity: Any) -> np.ndarray:
 
 
 def both_ends(argument: str, value: Any) -> tuple[float, float]:
-    """Two numbers, the lower one first."""
+    """Two numbers, the lower one first; of a text LOW:HIGH."""
     with suppress(TypeError, ValueError):
-        low, high = map(float, value)
+        low, high = map(float, value.split(":") if isinstance(value, str) else value)
         if low <= high:
             return low, high
-    raise DataError(argument, value, "two numbers, (low, high), the lower one first")
+    form = "LOW:HIGH" if isinstance(value, str) else "two numbers, (low, high)"
+    raise DataError(argument, value, f"{form}, the lower one first")
