@@ -143,7 +143,7 @@ class FitRecord(Strict):
     deviations: tuple[Real, ...] = ()
     weights: tuple[Real, ...] = ()
     residual_degrees: NotNegative
-    group_offsets: dict[str, tuple[Real, NotNegative]] = Field(default_factory=dict)
+    group_offsets: dict[str, tuple[Real, NotNegative | None]] = Field(default_factory=dict)
     chi_squared_probability: float | None
     data: DataRecord
 

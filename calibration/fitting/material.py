@@ -25,10 +25,11 @@ class Estimate:
     """One number with its uncertainty; what is undefined, or an open end, is None.
 
     `method` says where the interval comes from: "profile" (profile likelihood), "wald" (least
-    squares), "derived" (carried over), "undetermined", "none" (of no likelihood), or "fixed".
+    squares), "derived" (carried over), "undetermined", "none" (of no likelihood, or of a law that misses the
+    level of groups), or "fixed".
 
-    `skewed`: whether the likelihood is so skewed that the standard error, though it is the curvature's,
-    describes no interval: it is not printed then. None: that was not looked at.
+    `skewed`: whether the likelihood is so skewed that the curvature's standard error, which the covariance
+    has, describes no interval: there is none here then. None: that was not looked at.
     """
 
     value: float | None
@@ -61,7 +62,7 @@ class Estimate:
         return min(sides) / USUAL_REACH if sides else None
 
     def __str__(self) -> str:
-        return with_error(self.value, self.printed_error)
+        return with_error(self.value, self.standard_error)
 
 
 @dataclass(frozen=True)
@@ -138,8 +139,8 @@ class Goodness:
             for ε.
         weights: in the fit, over that of a point on the curve, of each point; empty where all are 1.
         residual_degrees: degrees of freedom of the residuals.
-        group_offsets: by label of the group its offset and the standard error of that, the curve
-            held fixed; the largest first. Empty without groups; relative but for ε.
+        group_offsets: by label of the group its predicted offset and the standard error of that, None
+            under `two-step`; the largest first. Empty without groups; relative but for ε.
     """
 
     rms: float
@@ -153,7 +154,7 @@ class Goodness:
     deviations: tuple[float, ...] = field(default=(), repr=False)
     weights: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
-    group_offsets: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    group_offsets: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
 
     @property
     def family(self) -> Normal:

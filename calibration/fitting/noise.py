@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy import special
 
 from calibration.options import FitOptions
 
@@ -28,6 +29,14 @@ class Normal:
     dof: ClassVar[Any] = math.inf  # degrees of freedom of t whose quantiles residuals have
     information: ClassVar[Any] = 1.0  # Fisher's, of one residual, times V
     words: ClassVar[Any] = "normal errors"
+
+    def quantile(self, probability: Any) -> Any:
+        """Of residuals r/√V."""
+        return special.ndtri(probability)
+
+    def farthest(self, count: int, probability: float) -> float:
+        """Size that one of so many residuals exceeds with this probability."""
+        return float(self.quantile(1 - 0.5 * probability / count))
 
     def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
         """ln p of residuals."""
@@ -76,6 +85,9 @@ class StudentT(Normal):
     @property
     def words(self) -> str:  # type: ignore[override]
         return f"Student's t of {self.dof:.3g} degrees of freedom"
+
+    def quantile(self, probability: Any) -> Any:
+        return special.stdtrit(self.dof, probability)
 
     def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
         if xp is np:

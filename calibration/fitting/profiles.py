@@ -316,7 +316,7 @@ def profiles_of(
 def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
     """Parameters of a fit to be profiled; None if there are none."""
     stage = fit.stages[0]
-    if not (fit.is_likelihood and stage.ends.converged[0] and len(stage.problem.active)):
+    if not (fit.has_intervals and stage.ends.converged[0] and len(stage.problem.active)):
         return None
     problem, known = stage.problem, fit.uncertainty
     variance = _variance(fit)
@@ -375,7 +375,7 @@ def estimates(
         if estimate.method == "wald" and estimate.standard_error is not None and is_read:
             estimate = replace(estimate, skewed=None)
             if not curves and np.any(fit.uncertainty.limits):  # too narrow: another is held
-                estimate = replace(estimate, low=None, high=None)
+                estimate = replace(estimate, standard_error=None, low=None, high=None)
         table[k] = estimate
     return table
 
@@ -395,7 +395,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
         return _at_an_end(fit, k, curve)
     if known.undetermined[k]:
         return Estimate(value, method="undetermined", free=True)
-    if not fit.is_likelihood:
+    if not fit.has_intervals:
         return Estimate(value, method="none", free=True)
     transform = fit.final.problem.transform.part(np.array([k]))
     z_error = float(known.errors[k])
@@ -404,6 +404,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
     if curve is not None:
         q = float(quantile(confidence, known.degrees[k]))
         skewed = error is not None and is_skewed(value, error, curve.low, curve.high, q)
+        error = None if skewed else error
         return Estimate(value, error, curve.low, curve.high, "profile", True, False, skewed)
     reach = quantile(confidence, known.degrees[k]) * z_error
     ends: list[float | None] = []

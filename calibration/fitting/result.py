@@ -120,7 +120,11 @@ class FitResult:
 
     @property
     def standard_errors(self) -> dict[str, float | None]:
-        return {label: e.standard_error for label, e in self.estimates.items()}
+        """Standard errors by name; NaN of a free parameter that has none, at a bound, say, or skewed."""
+        return {
+            label: np.nan if e.free and e.standard_error is None else e.standard_error
+            for label, e in self.estimates.items()
+        }
 
     @property
     def intervals(self) -> dict[str, tuple[float | None, float | None]]:
@@ -566,10 +570,11 @@ def _covariances(fits: list[ComponentFit]):
     """Covariance of all free parameters in physical units, D C D with D = ∂θ/∂z; zero between components."""
     names = tuple(e.label for fit in fits for e in fit.component.elements)
     both = block_diag(*(np.outer(fit.slope, fit.slope) for fit in fits))
-    known = np.concatenate([fit.uncertainty.known for fit in fits])
+    known = np.concatenate([fit.uncertainty.known & fit.has_intervals for fit in fits])
     covariance = both * block_diag(*(np.nan_to_num(fit.uncertainty.covariance) for fit in fits))
     covariance[~known], covariance[:, ~known] = np.nan, np.nan
-    return names, covariance, both * block_diag(*(fit.uncertainty.of_predictions for fit in fits))
+    parts = (f.uncertainty.of_predictions * (1.0 if f.has_intervals else np.nan) for f in fits)
+    return names, covariance, both * block_diag(*parts)
 
 
 def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import softjax as sj
 from calibration.fitting.errors import Errors
 from calibration.fitting.jumps import beside_jumps
 from calibration.fitting.laws import OF_CONTACT, SPRINGS
+from calibration.fitting.levels import Offsets, offsets_of
 from calibration.fitting.methods import TINY, Condensed, condense
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import Problem
@@ -36,6 +37,7 @@ from calibration.fitting.variances import (
     needs_variances,
     renewed,
     stands_alone,
+    with_level,
 )
 from calibration.fitting.warnings import CONFIDENCE, runs
 from calibration.options import FitOptions
@@ -171,6 +173,9 @@ def run_stage(
     problem = first_variances(problem, z)
     unsettled = needs_variances(problem)
     ends, alone = _searched(problem, z, options, ends)
+    if (level := with_level(problem)) is not None:
+        first, *more = _searched(level, z, options, None)[0]
+        ends = [ends[0], first, *ends[1:], *more]
     best, others = ends[0], ends[1:]
     if unsettled:
         candidates = [*_minima(ends), *_tied(problem, z, options)]
@@ -480,6 +485,21 @@ class ComponentFit:
     def is_likelihood(self) -> bool:
         """Whether what was minimised is a likelihood: one stage."""
         return len(self.stages) == 1
+
+    @cached_property
+    def offsets(self) -> dict[int, Offsets]:
+        """Predicted offsets of groups, by the number of the block."""
+        first, final = self.stages[0].problem, self.final.problem
+        off = final.linearise(self.z[None]).prediction[0] - final.points.value
+        known = self.uncertainty.of_predictions
+        parts = {k: offsets_of(first, k, self.z, off[s], known) for k, s in enumerate(first.spans)}
+        return {k: part for k, part in parts.items() if part is not None}
+
+    @property
+    def has_intervals(self) -> bool:
+        """Whether intervals hold: of a likelihood, whose law does not miss the level of groups."""
+        levels = (part.missed_level for part in self.offsets.values())
+        return self.is_likelihood and all(level is None for level in levels)
 
     @property
     def converged(self) -> bool:

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 import softjax as sj
 from calibration.fitting.errors import Errors
@@ -196,7 +195,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     # noise of no more than rounding, of data without scatter, explains nothing and names nothing
     size = np.where((deviation > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
     # the one of n points that noise sends so far once in 1/`RARE` data sets
-    limit = special.ndtri(1 - 0.5 * RARE / len(off))
+    limit = family.farthest(len(off), RARE)
     weighted, share = linear.residual[0, : problem.count][span] / allowed, family.weight(residual)
     standardised, weight = weighted / np.sqrt(share), share / family.weight(0 * residual)
     lines = () if data.origin is None else data.origin.lines
@@ -213,16 +212,15 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         )
         for i in farthest[size[farthest] > limit]
     )
-    offsets: dict[str, tuple[float, float]] = {}
-    if errors.group is not None and "group" in s:
-        # best linear unbiased predictions, with their conditional errors
-        variance = float(s["group"])
-        value = variance * np.bincount(errors.group, -solved)
-        error = np.sqrt(variance / (1 + variance * factor.per.reshape(-1)))
+    offsets: dict[str, tuple[float, float | None]] = {}
+    if (predicted := fit.offsets.get(k)) is not None:
         assert data.group_index is not None
         labels = np.array(data.groups, dtype=object)[np.unique(data.group_index[rows])]
-        order = np.argsort(-np.abs(value), kind="stable")
-        offsets = {str(labels[i]): (float(value[i]), float(error[i])) for i in order}
+        has_errors = fit.has_intervals
+        pairs = zip(predicted.value.tolist(), predicted.error.tolist(), strict=True)
+        known = [(value, error if has_errors else None) for value, error in pairs]
+        order = np.argsort(-np.abs(predicted.value), kind="stable")
+        offsets = {str(labels[i]): known[i] for i in order}
     dof = vars(family).get("dof")
     return Goodness(
         rms=float(np.sqrt(np.mean(off**2))),

@@ -239,6 +239,9 @@ class _Search:
         return y
 
 
+FIRST_GROUP = 0.1  # of the variance of a point, offsets of groups where a search begins
+
+
 def needs_variances(problem: Problem) -> bool:
     """Whether variances are found together with the parameters, as something is weighed against them."""
     if all(stands_alone(problem, g) for g in range(len(problem.errors))):
@@ -270,6 +273,26 @@ def first_variances(problem: Problem, z: np.ndarray) -> Problem:
         starts.append({kind: guess[kind] for kind in errors.unknown})
     problem = replace(problem, variances=tuple(starts))
     return renewed(problem, z) if needs_variances(problem) else problem
+
+
+def with_level(problem: Problem) -> Problem | None:
+    """The problem with offsets of groups too small to carry the curve's level; None without groups.
+
+    Far from the points residuals have a mean that an estimate takes for offsets, and these leave the level free:
+    a search may end there, and another that begins with the level does not.
+    """
+    if not any("group" in s for s in problem.variances):
+        return None
+    pairs = zip(problem.errors, problem.variances, strict=True)
+    return replace(problem, variances=tuple(_with_level(*pair) for pair in pairs))
+
+
+def _with_level(errors: Errors, s: Mapping[str, Any]) -> dict[str, Any]:
+    if "group" not in s:
+        return dict(s)
+    rest = {kind: value for kind, value in s.items() if kind != "group"}
+    apart = float(np.mean(errors.variance(rest, 0.0, 0.0) + np.zeros(1)))
+    return {**s, "group": min(float(s["group"]), FIRST_GROUP * apart)}
 
 
 def variances_at(

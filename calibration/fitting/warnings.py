@@ -49,6 +49,10 @@ ADVICE = {
         "Check its bodies, instrument and unit: a scatter that is estimated takes a wrong level as noise. "
         "Leave it out, or give it parameters of its own."
     ),
+    "level": (
+        f"Offsets of groups scatter about 0: this one is the law's misfit, and no interval holds. Check the law "
+        f"({OTHER_LAWS}), the bodies and the unit."
+    ),
     "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",
     "plausibility": "Check the unit.",
     "no-velocity-dependence": "Use a constant restitution, or measure over more velocities.",
@@ -83,6 +87,7 @@ ADVICE = {
 # in which warnings are listed, after those of a property that is not plausible
 NO_INTERVAL_HOLDS = {
     "not-converged": "the search did not converge",
+    "level": "the law misses the level of the groups",
     "model-misfit": "the law misses the points by more than their noise",
     "residual-runs": "the law misses a trend in the points",
     "several-minima": "another minimum fits nearly as well",

@@ -271,8 +271,8 @@ def of_set(fit: ComponentFit, part: MaterialFit, residual, errors: Mapping[str, 
     found: list[FitWarning] = []
     if RESTITUTION in errors:
         found += _of_restitution(part, residual, errors[RESTITUTION])
-        found += raised(part.name, _of_levels(fit, part, residual))
         found += raised(part.name, [("yield-jump", _beside_jump(fit, part))])
+    found += raised(part.name, _of_levels(fit, part, residual))
     for name, goodness in part.observed.items():
         words = OBSERVABLES[name].words
         causes = _of_residuals(part, goodness, errors[name], np.array(goodness.standardised))
@@ -453,19 +453,36 @@ def _alike_neighbours(velocity: Column, standardised: Column) -> str | None:
 
 
 def _of_levels(fit: ComponentFit, part: MaterialFit, residual) -> Found:
-    """Whether a group is far from the others, or the set from the curve that others determine too.
+    """Whether the law misses the level of groups, one is far from the others, or the set from a common curve.
 
-    Grubbs' test of the groups' offsets, and Student's of the mean of these, or of residuals. Offsets are
-    over the standard deviations that they have as predictions.
+    Student's test of the mean of the groups' predicted offsets, Grubbs' of the farthest one; without groups
+    Student's of the residuals, where other sets determine the curve too. Offsets are over the standard
+    deviations that they have as predictions.
 
     Source: Grubbs, Ann. Math. Stat. 21, 27 (1950).
     """
-    standard, m = np.array(part.standardised), len(part.group_offsets)
-    if m:
-        value, error = np.transpose([*part.group_offsets.values()])
-        spread = part.variances["group"] - error**2
-        standard = value / np.sqrt(spread) if np.all(spread > 0) else np.zeros(0)
-    if m >= FEWEST_GROUPS and len(standard):
+    blocks = enumerate(fit.stages[0].problem.blocks)
+    of_set = [(k, b) for k, b in blocks if fit.component.specs[b.set].data.name == part.name]
+    for k, block in of_set:
+        level = fit.offsets[k].missed_level if k in fit.offsets else None
+        if level is not None:
+            missed = f"by {level:+.2g}"
+            if block.observable != RESTITUTION:
+                missed = f"of {OBSERVABLES[block.observable].words} by {100 * level:+.2g} %"
+            side = "above" if level > 0 else "below"
+            yield (
+                "level",
+                f"the law misses the level {missed}: the groups as a whole are {side} the curve",
+            )
+    first = next((k for k, block in of_set if block.observable == RESTITUTION), None)
+    if part.group_offsets and first in fit.offsets:
+        # in the order of `group_offsets`
+        value, _, standard = fit.offsets[first]
+        order = np.argsort(-np.abs(value), kind="stable")
+        value, standard = value[order], standard[order]
+        m = len(standard)
+        if m < FEWEST_GROUPS or not np.all(np.isfinite(standard)):
+            return
         k = int(np.argmax(np.abs(standard - np.mean(standard))))
         others = np.delete(standard, k)
         spread = np.std(others, ddof=1) * np.sqrt(1 + 1 / (m - 1))
@@ -473,7 +490,9 @@ def _of_levels(fit: ComponentFit, part: MaterialFit, residual) -> Found:
         if far > special.stdtrit(m - 2, 1 - 0.5 * (1 - CONFIDENCE) / m):
             off = f"group {[*part.group_offsets][k]} is off by {value[k]:.2g}"
             yield "offset", f"{off}, {far:.2g} times the scatter of the other groups"
-    n, several = len(standard), len(fit.component.sets) > 1
+        return
+    standard, several = np.array(part.standardised), len(fit.component.sets) > 1
+    n = len(standard)
     if several and n >= FEWEST_GROUPS and np.ptp(standard) > 0:
         far = abs(np.mean(standard)) / np.std(standard, ddof=1) * np.sqrt(n)
         if far > special.stdtrit(n - 1, 1 - 0.5 * (1 - CONFIDENCE)):

@@ -180,7 +180,8 @@ def lead(result: Any, most: int = MOST_NAMED) -> Block:
     what = f"{' and '.join(laws)} fitted to {sum(fit.n for fit in result.materials)} impacts{owner}"
     if not result.converged:
         return Block("strong", f"{NOT_CONVERGED} {what}.")
-    holds = not (has_intervals(result) and (reasons := _reasons(result)))
+    missed = any(warning.code == "level" for warning in result.warnings)  # and so without intervals
+    holds = not ((missed or has_intervals(result)) and (reasons := _reasons(result)))
     if count > most:
         values = "" if count == 1 else f" of {count} data sets"
         what, values = what + values, ""

@@ -72,7 +72,6 @@ class Sets(NamedTuple):
     error: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    printed: np.ndarray  # the error that a table prints
 
     @property
     def is_open(self) -> np.ndarray:
@@ -88,7 +87,7 @@ class Sets(NamedTuple):
     @property
     def without_error(self) -> float:
         """Share of the sets whose tables print no standard error: skewed, at a bound, or not determined."""
-        return float(np.mean(np.isnan(self.printed)))
+        return float(np.mean(np.isnan(self.error)))
 
     @property
     def ratio(self) -> float:
@@ -122,9 +121,7 @@ def study(case: Case, sets: int, seed: Any = (7, 0)) -> tuple[float, dict[str, S
             converged += material.converged
             label = "{}" if len(several) == 1 else f"{{}}[{material.name}]"
             estimates = [result.estimates[label.format(name)] for name in truth]
-            rows.append(
-                [(e.value, e.standard_error, e.low, e.high, e.printed_error) for e in estimates]
-            )
+            rows.append([(e.value, e.standard_error, e.low, e.high) for e in estimates])
     columns = np.array(rows, float).transpose(1, 2, 0)  # None becomes NaN
     found = {name: Sets(truth[name], *part) for name, part in zip(truth, columns, strict=True)}
     return converged / sets, found

@@ -38,7 +38,12 @@ def record_fit(numbers: Numbers, result: cal.FitResult, name="", *, weighted=Fal
     """
     estimate = numbers.error if weighted else numbers.estimate
     for label, error in result.standard_errors.items():
-        if error is None:  # an arbitrary number where nothing determines it
+        if error is not None and np.isnan(error) and label in result.covariance_names:
+            place = result.covariance_names.index(
+                label
+            )  # of the curvature, where no table prints it
+            error = float(np.sqrt(result.covariance[place, place]))
+        if error is None or np.isnan(error):  # an arbitrary number where nothing determines it
             numbers.text("error", f"{name}{label} has no error", "none")
             continue
         low, high = result.intervals[label]

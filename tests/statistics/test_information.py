@@ -250,7 +250,7 @@ def test_a_plan_says_that_it_takes_the_drag_as_known(air):
 def test_a_plan_says_that_errors_of_a_skewed_likelihood_are_of_its_curvature():
     """Where the fit's table prints no ± the plan does not have its number without a word."""
     result = cal.fit(skewed_drops(np.random.default_rng(0)), starts=1)
-    names = [name for name in ("chi", "eps_up") if result.estimates[name].printed_error is None]
+    names = [name for name in ("chi", "eps_up") if result.estimates[name].standard_error is None]
     assert names
     text = f"the likelihood is skewed in {' and '.join(names)}: "
     assert text in str(cal.fisher_information(result, [2.0]))

@@ -1,5 +1,7 @@
 """Points that share errors (groups, bounce sequences, repeats, drag), scatter and scale: dense matrices and closed forms."""
 
+import json
+
 import jax
 import numpy as np
 import pytest
@@ -8,10 +10,12 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from tests.data.test_air import flight
+from tests.decay import Decay
 from tests.fit_data import ON_STEEL
 from tests.fit_oracle import hessian
 
 TIMING = 3e-4
+Free = cal.Parameter
 QUICK = {"starts": 1}
 FEW = {"profiles": False, "starts": 4}
 
@@ -97,8 +101,15 @@ def test_a_mean_of_groups_is_that_of_their_means_and_another_one_s_band_has_thei
     offsets = {label: offset for label, (offset, _) in material.group_offsets.items()}
     assert offsets == pytest.approx(expected, rel=1e-6)
     assert list(offsets) == sorted(offsets, key=lambda label: -abs(offsets[label]))
+    # Henderson's equations of the mean and six offsets, by NumPy: the curve is an estimate too
+    design = np.column_stack([np.ones(30), np.repeat(np.eye(6), 5, axis=0)])
+    equations = design.T @ design / within + np.diag([0, *[between**-2] * 6])
+    predicted = np.sqrt(np.diag(np.linalg.inv(equations))[1:])
     errors = [error for _, error in material.group_offsets.values()]
-    np.testing.assert_allclose(errors, between * np.sqrt(1 - kept), rtol=1e-6)
+    np.testing.assert_allclose(errors, predicted, rtol=1e-6)
+    assert np.all(
+        np.array(errors) > 1.2 * between * np.sqrt(1 - kept)
+    )  # about a curve that is known
     low, high = result.intervals["restitution"]
     reach = stats.t.ppf(0.975, 5) * error
     assert low == pytest.approx(np.mean(means) - reach, rel=1e-4)
@@ -322,3 +333,73 @@ def test_a_drag_far_from_the_one_that_is_known_is_a_warning(factor, is_raised):
     assert result.values["air_drag"] == pytest.approx(factor - 1, abs=0.06)
     causes = [warning.cause for warning in result.warnings if warning.code == "prior-conflict"]
     assert ["air_drag" in cause for cause in causes] == [True] * is_raised
+
+
+def launches(level, rate, seed=3, offset=0.004):
+    """ε = level e^(-rate v) of five launches with offsets of their own, to 0.001."""
+    random, v = np.random.default_rng(seed), np.tile(np.linspace(1.0, 3.0, 4), 5)
+    launch = np.repeat(np.arange(5), 4)
+    e = level * np.exp(-rate * v) + offset * random.standard_normal(5)[launch]
+    e += 0.001 * random.standard_normal(20)
+    return cal.RestitutionData(v, e, uncertainty=0.001, group=[*map(str, launch)])
+
+
+def test_offsets_of_groups_do_not_carry_a_level_that_the_law_misses(tmp_path):
+    """ε = e^(-b v) is 1 at rest; the groups are 0.2 lower, all of them: no scatter, and no interval."""
+    missed, right = (
+        cal.fit(launches(level, 0.05), Decay, {"level": 1.0, "rate": Free(0.03)}, starts=1)
+        for level in (0.8, 1.0)
+    )
+    (warning,) = (one for one in missed.warnings if one.code == "level")
+    mean = np.mean([offset for offset, _ in missed.materials[0].group_offsets.values()])
+    assert -0.25 < mean < -0.1
+    assert f"by {mean:+.2g}: the groups as a whole are below the curve" in warning.cause
+    assert missed.warnings[0] == warning
+    assert "the law misses the level of the groups" in " ".join(str(missed).split(".")[0].split())
+    assert missed.intervals["rate"] == (None, None)
+    assert np.isnan(missed.standard_errors["rate"])
+    assert np.all(np.isnan([missed.covariance, missed.covariance]))
+    assert np.isnan(missed.band(2.0).low)
+    assert {error for _, error in missed.materials[0].group_offsets.values()} == {None}
+    missed.save(tmp_path / "fit.json")
+    assert cal.FitResult.load(tmp_path / "fit.json", law=Decay) == missed
+    assert "level" not in {one.code for one in right.warnings}
+    low, high = right.intervals["rate"]
+    assert low < 0.05 < high
+
+
+def test_a_search_far_from_the_points_does_not_end_with_offsets_in_place_of_the_level():
+    """Points without offsets: ε at rest was 0.25 here, with four offsets of 0.68."""
+    random = np.random.default_rng((4, 0, 2))
+    v = np.tile(np.linspace(0.5, 5, 6), 4) * np.repeat(np.exp(0.05 * random.standard_normal(4)), 6)
+    group = np.repeat(np.arange(4), 6)
+    random.standard_normal(4)
+    e = 0.93 * np.exp(-0.03 * v) + 0.01 * random.standard_normal(24)
+    result = cal.fit(
+        cal.RestitutionData(v, e, group=[*map(str, group)]), Decay, starts=1, profiles=False
+    )
+    alone = optimize.least_squares(lambda x: x[0] * np.exp(-x[1] * v) - e, [0.9, 0.03]).x
+    assert result.values["level"] == pytest.approx(alone[0], abs=0.01)
+    low, high = result.intervals["level"]
+    assert low < 0.93 < high
+
+
+def test_a_free_parameter_without_a_printed_error_has_none_in_results_either():
+    """χ̃ follows ε_up, which is at 1: the error that the curvature has is of no interval."""
+    contact = sj.Contact.between_spheres(sj.NYLON, sj.NYLON, 0.0127, 0.0127)
+    velocity = np.geomspace(2.0, 40.0, 12) * contact.critical_velocity
+    above = 0.02 + 0.01 * np.random.default_rng(3).standard_normal(12)
+    law = sj.Zhou(contact, 0.3, 1e-6, 0.5)
+    data = cal.RestitutionData(velocity, sj.restitution(law, velocity).coefficient + above, contact)
+    result = cal.fit(data, None, {"eps_up": Free()}, starts=2)
+    table, frame = json.loads(result.to_json())["fits"][0]["parameters"], result.to_frame()
+    assert result.estimates["eps_up"].at_bound
+    assert result.estimates["chi"].skewed
+    for name in ("chi", "eps_up"):
+        assert np.isnan(result.standard_errors[name])
+        assert table[name]["standard_error"] is None
+        assert np.isnan(frame.set_index("parameter").standard_error[name])
+    place = result.covariance_names.index("chi")
+    assert result.covariance[place, place] > 0
+    fixed = cal.fit(data, None, {"chi": 0.3, "eps_up": Free()}, starts=2, profiles=False)
+    assert fixed.standard_errors["chi"] is None

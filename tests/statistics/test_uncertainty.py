@@ -46,7 +46,9 @@ def test_errors_and_correlations_are_scipy_s_and_profiles_minos_s(case):
     assert result.covariance_names == NAMES
     for parameter, value, error in zip(NAMES, values, size, strict=True):
         assert result.values[parameter] == pytest.approx(value, rel=1e-5)
-        assert result.standard_errors[parameter] == pytest.approx(error, rel=1e-5)
+        if not result.estimates[parameter].skewed:
+            assert result.standard_errors[parameter] == pytest.approx(error, rel=1e-5)
+    np.testing.assert_allclose(np.sqrt(np.diag(result.covariance)), size, rtol=1e-5)
     np.testing.assert_allclose(result.correlations, covariance / np.outer(size, size), atol=1e-5)
     assert result.rank == 3
     stated = data.uncertainty is not None
@@ -341,7 +343,7 @@ def test_table_and_profile_have_the_interval_of_scipy(data, result):
     assert without.estimates["chi"].skewed is None
     assert "not checked, without profiles: whether standard errors describe" in str(without)
     assert result.estimates["chi"].skewed
-    assert result.standard_errors["chi"] > 0
+    assert np.isnan(result.standard_errors["chi"])
     row = next(line for line in str(result).splitlines() if " χ̃ " in line and "…" in line)
     assert "±" not in row
     codes = [warning.code for warning in result.warnings]
