@@ -194,7 +194,7 @@ SYMBOLS = {
     **{"contact_time": "t|τ|δt", "peak_force": "f", "peak_overlap": "δ|x|d", "dent_diameter": "d"},
     **{"diameter": "d|ø|⌀", "radius": "r", "mass": "m", "position": "x|y|z|s"},
 }
-MARKED = 3  # letters of a name that a symbol may follow
+MARKED = 2  # letters of a name that a symbol may follow
 NEAR = 0.82  # of difflib: velocty is near to velocity, interval_index is not to interval
 LONGEST = 200  # characters of a heading that may be a name
 

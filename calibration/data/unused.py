@@ -140,9 +140,14 @@ def launches_of(columns: Sequence[Unused]) -> tuple[list[str], list[str]] | None
     used = [one for one in found if one[0]] or found[:1]
     if not used:
         return None
-    return [heading for _, heading, _ in used], [
-        " ".join(row) for row in zip(*(labels for *_, labels in used), strict=True)
+    changes = [np.array(labels[1:]) != np.array(labels[:-1]) for *_, labels in used]
+    # one column may have all the changes
+    alone = [
+        one for one, own in zip(used, changes, strict=True) if np.all(own | ~np.any(changes, 0))
     ]
+    used = alone[:1] or used
+    rows = zip(*(labels for *_, labels in used), strict=True)
+    return [heading for _, heading, _ in used], [" ".join(row) for row in rows]
 
 
 def _launches(columns: Sequence[Unused]) -> Iterator[tuple[bool, str, list[str]]]:

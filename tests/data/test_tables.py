@@ -32,6 +32,7 @@ RIGHT = {
     "Wurf;Δt (ms)\n1;840,0\n1;750,0\n2;720,0\n2;640,0\n2;580,0\n": (TWO, "'Wurf' is read"),
     "batch,dt (s)\nx,0.84\nx,0.75\ny,0.72\ny,0.64\ny,0.58\n": (TWO, "'batch' is read"),
     "Series,Run,dt (s)\n1,2,0.84\n1,2,0.75\n2,2,0.72\n2,2,0.64\n2,1,0.5\n2,1,0.4\n": (bounces([0.84, 0.75], [0.72, 0.64], [0.5, 0.4]), "'Series', 'Run' is read as the launch: 3"),
+    "Drop,Bounce,dt (s)\n1,1,0.84\n1,2,0.75\n2,1,0.72\n2,2,0.64\n2,3,0.58\n": (TWO, "'Drop' is read as the launch: 2"),
     "#,dt (s)\n1,0.84\n2,0.75\n1,0.72\n2,0.64\n3,0.58\n": (TWO, "'#' is read"),
     "dt (s)\n0.84\n0.75\ndt (s)\n0.72\n0.64\n0.58\n": (TWO, "the header is repeated in line(s) 4"),
     "n,dt (s)\n1,0.84\n2,0.75\n3,0.64\n": (bounces([0.84, 0.75, 0.64]), "columns not used: 'n'"),
