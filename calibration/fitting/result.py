@@ -222,6 +222,10 @@ class FitResult:
             impact: with the bodies of this one of the data, where they differ; without it as many
                 velocities as impacts are needed then.
 
+        Returns:
+            A `Band` with the fields velocity [m/s], coefficient (ε), low, high (limits), standard_error,
+            all as long as the velocities, and kind.
+
         Raises:
             ValueError: naming the argument, its value and what is accepted.
         """

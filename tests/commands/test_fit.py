@@ -6,6 +6,7 @@ What a setting does to the numbers of a fit is tested with the fits; here, that 
 import json
 import re
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from tests.command import noisy, run, write_alloy
+from tests.decay import Decay
 
 WB = {"law": "walton-braun", "starts": 2, "profiles": False}
 ZHOU = {"law": "zhou", "route": "energy balance", "starts": 2, "profiles": False}
@@ -194,3 +196,34 @@ def test_json_on_standard_output_is_the_file(command, tmp_path):
     assert (code, err) == (0, "")
     assert out == (tmp_path / "out" / f"{command}.json").read_text(encoding="utf-8")
     assert json.loads(out)["versions"]
+
+
+def test_a_path_is_fitted_as_the_command_does_and_reading_it_says_what_is_left_out(tmp_path):
+    by_command = fitted(tmp_path, settings=WB, below="growth = { prior = [600, 1.0] }")
+    assert cal.fit(tmp_path / "alloy.toml") == by_command
+    constant = cal.fit(str(tmp_path / "alloy.toml"), "constant", {}, profiles=False)
+    assert set(constant.values) == {"restitution"}
+    with pytest.warns(
+        UserWarning, match=r"states .*law.*growth.* for a fit, which read_toml leaves out"
+    ):
+        (data,) = cal.read_toml(tmp_path / "alloy.toml")
+    assert data == noisy()
+
+
+def test_a_law_of_ones_own_is_fitted_where_the_command_line_names_its_file(tmp_path):
+    law = Path(__file__).parents[1] / "decay.py"
+    file = write_alloy(
+        tmp_path, "profiles = false", "level = { value = 0.9 }\nrate = { value = 0.01 }"
+    )
+    words = ("--out", tmp_path / "out")
+    code, out, error = run("fit", file, "--law", f"{law}:Decay", *words)
+    assert (code, error) == (0, "")
+    found = cal.FitResult.load(tmp_path / "out/fit.json", law=Decay)
+    by_python = cal.fit(noisy(), Decay, {"level": cal.Parameter(0.9), "rate": cal.Parameter(0.01)})
+    assert found.values == pytest.approx(by_python.values, rel=1e-6)
+    assert "Decay fitted to" in out
+    for text, blamed in (("Deca", "no 'Deca'"), ("np", "no 'np'")):
+        code, _, error = run("fit", file, "--law", f"{law}:{text}", *words)
+        assert (code, blamed in error) == (2, True), error
+    file = write_alloy(tmp_path, f'law = "{law}:Decay"')  # a file makes no code run
+    assert run("fit", file, *words)[0] == 2
