@@ -26,6 +26,7 @@ import numpy as np
 
 import calibration as cal
 import softjax as sj
+from tests import records
 from tests.cases import fitted
 from tests.command import write_alloy
 
@@ -37,6 +38,33 @@ def pytest_addoption(parser):
     parser.addoption(
         "--part", metavar="K/N", help="the K-th of N parts of the tests, by whole files"
     )
+    parser.addoption(
+        "--record",
+        action="store_true",
+        help="record what users see as it is now (pictures, reports, refusals, help, defaults, tables of"
+        " pages) and print what changed",
+    )
+
+
+def pytest_configure(config):
+    records.recording = config.getoption("--record")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item):
+    report = yield
+    report.user_properties += [("recorded", text) for text in records.changed()]
+    return report
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """What every worker recorded, in one place."""
+    if config.getoption("--record"):
+        terminalreporter.section("recorded")
+        reports = [r for some in terminalreporter.stats.values() for r in some]
+        notes = [n for r in reports for n in getattr(r, "user_properties", ())]
+        texts = dict.fromkeys(text for key, text in notes if key == "recorded")
+        terminalreporter.write_line("\n\n".join(texts) or "Nothing changed.")
 
 
 @pytest.hookimpl(trylast=True)  # after those that -m and -k leave out

@@ -22,9 +22,6 @@ def build(out: Path) -> list[str]:
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     targets = sources()
-    faults = outdated(CHAPTERS / "commands.md", OPTIONS, options())
-    faults += outdated(CHAPTERS / "measurements.md", SETS, sets())
-    faults += outdated(CHAPTERS / "measurements.md", COLUMNS, columns())
     for source, name in targets.items():
         text, pictures = pages.page(source, targets)
         (out / name).write_text(text, encoding="utf-8")
@@ -36,8 +33,17 @@ def build(out: Path) -> list[str]:
         path.parent.mkdir(exist_ok=True)
         path.write_text(text, encoding="utf-8")
     write_schemas(out)
-    faults += [f"{name}: no docstring" for name in names.undocumented()]
-    return faults + links.dead(out)
+    return [f"{name}: no docstring" for name in names.undocumented()] + links.dead(out)
+
+
+def tables() -> list[tuple[Path, tuple[str, str], list[str]]]:
+    """Tables in pages that are made of the code: page, the marks around the table, its rows."""
+    commands, measurements = CHAPTERS / "commands.md", CHAPTERS / "measurements.md"
+    return [
+        (commands, OPTIONS, options()),
+        (measurements, SETS, sets()),
+        (measurements, COLUMNS, columns()),
+    ]
 
 
 def sources() -> dict[Path, str]:
@@ -87,14 +93,3 @@ def columns() -> list[str]:
         unit = {"1": "- or %", "": "text"}.get(column.unit, column.unit)
         rows.append(f"| `{column.name}` | {unit} | {column.meaning} | {also} |")
     return rows
-
-
-def outdated(page: Path, marks: tuple[str, str], rows: list[str]) -> list[str]:
-    """Write a table of the code into a page, between the marks; a fault where it changed."""
-    text = page.read_text(encoding="utf-8")
-    before, _, rest = text.partition(marks[0])
-    new = "\n".join([before + marks[0], *rows, marks[1] + rest.partition(marks[1])[2]])
-    if new == text:
-        return []
-    page.write_text(new, encoding="utf-8")
-    return [f"{page.name}: a table was not that of the code; now it is"]

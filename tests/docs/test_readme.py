@@ -11,6 +11,7 @@ import pytest
 import calibration as cal
 import softjax as sj
 from notebooks.reference import links, names, site
+from tests import records
 from tests.command import run
 from tests.docs.test_notebooks import NUMBER, assert_alike
 
@@ -117,6 +118,11 @@ def test_the_readme_is_short_shows_every_command_and_says_first_what_the_data_ar
     assert "published fit of measurements, not measurements" in " ".join(head.split())
     assert "never `pip install softjax`" in head
     assert re.search(r"# (\[0\..*\])", README)[1] in sj.restitution.__doc__
+
+
+@pytest.mark.parametrize("table", site.tables(), ids=lambda table: table[1][0].strip("<!-> "))
+def test_tables_in_pages_are_those_of_the_code(table):
+    records.as_table(*table)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,9 @@ CASES = [pytest.param(n, marks=[pytest.mark.long] * s.long) for n, s in SCENARIO
 @pytest.mark.parametrize("name", CASES)
 def test_numbers_are_those_recorded(name):
     lines = moved(name, found(name))
-    assert not lines, "\n".join(lines)
+    assert not lines, "\n".join(
+        [*lines, f"If that is meant, record me: python -m tests.golden {name}"]
+    )
 
 
 def test_every_scenario_is_recorded_and_no_other():

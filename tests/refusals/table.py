@@ -2,8 +2,8 @@
 
 `cases.json` has a section for each way in, `OBJECTS` what JSON cannot hold. The words, separated by |,
 are what was given and what is accepted; the sentences around them are free, but for those that
-`sentences.txt` keeps: `python -m tests.refusals.table` writes them again, a case joins by a line with
-its way and name, `CSV files | no rows |`.
+`sentences.txt` keeps: a case joins by a line with its way and name, `CSV files | no rows |`, which
+`pytest --record tests/refusals` completes.
 
 A file is given by its text, or by lines of the good one that are replaced: `{"3": "fast,0.9,0.1"}`; of
 a fit.json the place of an entry and what is put there, nothing takes it out.
@@ -175,23 +175,3 @@ def refusal(way: str, name: str, folder: Path) -> Exception | None:
 
 
 FILE = Path(__file__).with_name("sentences.txt")
-
-
-@cache
-def sentences() -> dict[tuple[str, str], str]:
-    """The sentences that are kept, by way and name."""
-    parts = (line.split(" | ", 2) for line in FILE.read_text(encoding="utf-8").splitlines())
-    return {(way, name.removesuffix(" |")): "".join(rest) for way, name, *rest in parts}
-
-
-def sentence(way: str, name: str, folder: Path) -> str:
-    """What is said now; the folder by a word."""
-    return str(refusal(way, name, folder)).replace(str(folder), "FOLDER")
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as place:
-        lines = [
-            f"{way} | {name} | {sentence(way, name, Path(place))}" for way, name in sentences()
-        ]
-    FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -12,10 +12,12 @@ import pytest
 
 import calibration as cal
 import softjax as sj
+from tests import records
 from tests.command import run
 from tests.refusals.table import (
     CASES,
     CSV,
+    FILE,
     TOML,
     WALL,
     changed,
@@ -23,7 +25,6 @@ from tests.refusals.table import (
     loaded,
     made,
     refusal,
-    sentences,
     written,
 )
 from tests.shown.capture import as_recorded
@@ -50,12 +51,13 @@ def test_a_refusal_names_place_value_and_what_is_accepted(way, name, tmp_path):
         assert f"`{where}`" in line, line
     for word in words.split("|"):
         assert word in line, line
-    assert line == sentences().get((way, name), line)  # of `sentences.txt`
+    if f"{way} | {name}" in records.sentences(FILE, columns=2):
+        records.as_sentence(FILE, f"{way} | {name}", line)
 
 
 def test_the_files_that_the_cases_spoil_are_good(tmp_path):
     """A result that was saved loads back the same, with its bodies; and each whole sentence is of a case."""
-    assert sentences().keys() <= CASES.keys()
+    assert records.sentences(FILE, columns=2).keys() <= {" | ".join(case) for case in CASES}
     (data,) = cal.read_problem(written(tmp_path, TOML, CSV)).datasets
     assert len(data) == 3
     result = loaded(tmp_path, json.dumps(genuine()))

@@ -1,11 +1,9 @@
 """Pictures that commands save, caught as Matplotlib's figures, and how they look."""
 
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator
 
 from tests.golden.numbers import same_print
+from tests.records import differences, settle
 
 RECORDED = Path(__file__).with_name("recorded.json")
 COUNT = re.compile(r"(?<![\d.])(?<!e[-+])\d{1,2}(?![\d.e])")
@@ -147,15 +146,18 @@ def same(old: str, new: str) -> bool:
 
 def as_recorded(name: str, shown: Mapping[str, Figure | str], exactly: bool = False) -> None:
     """Pictures and texts by the names of their files as `recorded.json` has them, but for the last digits
-    of numbers, unless `exactly`; SOFTJAX_RECORD=1 records them."""
-    recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
+    of numbers, unless `exactly`."""
+    __tracebackhide__ = True
     found = {file: words(x) if isinstance(x, str) else looks(x) for file, x in shown.items()}
-    if "SOFTJAX_RECORD" in os.environ:
-        text = json.dumps(recorded | {name: found}, indent=1, sort_keys=True, ensure_ascii=False)
-        RECORDED.write_text(f"{text}\n", encoding="utf-8")
-        return
-    agree = str.__eq__ if exactly else same
-    for file in {**recorded[name], **found}:
-        pairs = zip_longest(*(x.get(file, ()) for x in (recorded[name], found)), fillvalue="")
-        off = [f"was {old}\nis  {new}" for old, new in pairs if not agree(old, new)]
-        assert not off, "\n".join([f"{name}, {file}:", *off])
+    kept = json.loads(RECORDED.read_text(encoding="utf-8")).get(name, {})
+    lines = []
+    for file in {**kept, **found}:
+        old, new = (x.get(file, []) for x in (kept, found))
+        differ = differences(old, new, str.__eq__ if exactly else same)
+        lines += [f"{file}:", *differ] if differ or (file in kept) != (file in found) else []
+
+    def update(text: str) -> str:
+        table = json.loads(text) | {name: found}
+        return json.dumps(table, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+
+    settle(RECORDED, name, lines, update)
