@@ -57,6 +57,7 @@ ADVICE = {
     "plausibility": "Check the unit.",
     "no-velocity-dependence": "Use a constant restitution, or measure over more velocities.",
     "status": "Look at the velocities named and at the law's range; leave them out if need be.",
+    "overlap": "Contact laws are for small overlaps: use slower impacts, or larger or stiffer bodies.",
     "extrapolation": "Measure there before relying on it.",
     "all-below-yield": "Measure above the critical velocity; the unloading factor acts only there.",
     "eps-up-only": "Measure below the critical velocity to separate sigma from psi.",

@@ -37,6 +37,7 @@ SHARE_OF_NOISE = 1 / 3  # from which on a jump of ε is one to speak of
 BESIDE = 1e-9  # of the critical velocity, on both sides of which ε is compared
 MOST_NAMED = 8
 NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
+LARGE_OVERLAP = 0.1  # of the effective radius: no small contact
 FEWEST_GROUPS = 4  # of which one may be far from the others
 FEWEST_POINTS = 10  # that show a trend
 FAR_FROM_STATED = 3.0  # times a stated uncertainty
@@ -314,6 +315,33 @@ def _beside_jump(fit: ComponentFit, part: MaterialFit) -> str | None:
     return f"{', '.join(named[:MOST_NAMED])}{more}: {where}"
 
 
+def _overlap(part: MaterialFit) -> str | None:
+    """Overlaps of more than a tenth of the effective radius; not by laws whose stiffness is a guess.
+
+    Computed only where Hertz's overlap, or that of a pressure Y, comes near: δ = (15 M v²/16 E √R)^{2/5}
+    and v √(M/(2π R Y)).
+    """
+    contact, v = part.contact, part.data.velocity
+    if contact is None or isinstance(
+        part.law, sj.HardSphereLaw | sj.WaltonBraun | sj.LinearSpringDashpot
+    ):
+        return None
+    modulus, radius, mass, strength = (
+        np.asarray(getattr(contact, n))
+        for n in ("youngs_modulus", "radius", "mass", "yield_strength")
+    )
+    elastic = (15 * mass * v**2 / (16 * modulus * radius**0.5)) ** 0.4
+    plastic = v * np.sqrt(mass / (2 * np.pi * radius * strength))
+    if np.max(np.maximum(elastic, plastic) / radius) < 0.5 * LARGE_OVERLAP:
+        return None
+    share = np.asarray(sj.restitution(part.law, v).peak_overlap) / radius
+    if not np.any(share > LARGE_OVERLAP):
+        return None
+    first = float(np.min(v[share > LARGE_OVERLAP]))
+    most = f"up to {100 * np.nanmax(share):.2g} % of the effective radius"
+    return f"the overlap is {most}, beyond {100 * LARGE_OVERLAP:g} % from {first:.3g} m/s on"
+
+
 def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:
     """Warnings about one data set's ε."""
     data, name, velocity = part.data, part.name, errors.velocity
@@ -343,6 +371,7 @@ def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarn
         ("velocity-errors", _velocity_errors(data.velocity, data.velocity_uncertainty, kink)),
         *(("status", cause) for cause in _statuses(part.status, velocity)),
         ("all-below-yield", below),
+        ("overlap", _overlap(part)),
     )
     return [*found, *of_curve, *raised(name, last)]
 

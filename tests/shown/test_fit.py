@@ -156,7 +156,8 @@ def test_the_main_job_says_what_it_found(main_job):
     assert (main_job.code, main_job.err) == (0, "")
     assert max(map(len, main_job.out.partition("\nWritten to")[0].splitlines())) <= 100
     header, *rows = main_job.page().tables[2]
-    warnings = cal.FitResult.load(main_job.folder / "fit.json").warnings
+    *warnings, large = cal.FitResult.load(main_job.folder / "fit.json").warnings
+    assert (large.code, large.material) == ("overlap", "nylon")
     for row, warning in zip(rows, warnings, strict=True):  # no intervals to be too narrow
         of = dict(zip(header, row, strict=True))
         assert (of["rms of Eq. (17)"], of["scatter"]) == ("0", "0")

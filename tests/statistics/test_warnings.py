@@ -171,6 +171,7 @@ CASES = {
     # just above yield the law gains energy; farther up it does not
     "status": lambda: [zhou(CHROME, np.linspace(low, 25, 30)) for low in (1.005, 1.3)],
     "all-below-yield": lambda: [cal.fit(eq_17_data("nylon", y=np.linspace(0.1, y, 20), **BELOW), **QUICK) for y in (0.9, 5.0)],
+    "overlap": lambda: [zhou("nylon", np.geomspace(0.2, y, 30), 0.002) for y in (24.0, 16.0)],  # v_cr: 0.835 m/s
     "data": lambda: (scattered(0.1), scattered(0.0)),
     "several-minima": lambda: (ellipse(3.8), ellipse(4.2)),
     "several-minima, as low": lambda: (peaks(0.45), peaks(0.45, 0.35)),
