@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
+from calibration.cli import COMMANDS
 from tests import records
 from tests.command import noisy, run, write_alloy
 from tests.shown.capture import as_recorded
@@ -92,7 +93,6 @@ def test_a_value_that_is_fixed_or_given_is_taken(settings, below, more, law, at)
 
 # the command line itself
 
-COMMANDS = ("curve", "sensitivity", "fit", "compare", "export", "speed", "doctor")
 HEAVY = ("jax", "numpy", "diffrax", "optax", "matplotlib", "scipy", "softjax")
 CURVE = ["nylon", "--points", "3", "--format", "csv"]
 

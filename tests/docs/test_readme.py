@@ -10,6 +10,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
+from calibration.cli import COMMANDS
 from notebooks.reference import links, names, site
 from tests import records
 from tests.command import run
@@ -20,7 +21,6 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 REFERENCE = ROOT / "notebooks" / "reference"
 PAGES = [ROOT / "README.md", *sorted(REFERENCE.glob("*.md"))]
 
-COMMANDS = ("curve", "sensitivity", "fit", "compare", "export", "speed", "doctor")
 
 each = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 

@@ -243,7 +243,8 @@ def built_in_laws(numbers, folder):
         "constant": (above, 0.9 + 0 * above),
         "eq-17": (above, fit_oracle.eq_17(above, pair["v_lim"], 0.9, 0.5)),
     }
-    for seed, (law, (velocity, curve)) in enumerate(exact.items()):
+    for seed, law in enumerate(cal.LAWS):
+        velocity, curve = exact[law]
         measured = None if velocity is None else (velocity, simulated.noisy(curve, 0.004, seed))
         data = rebounds(0.004, law, measured=measured)
         record_fit(numbers, cal.fit(data, law, starts=8), f"{law}: ")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
+from calibration import LAWS
 from tests.cases import fitted, pair
 
 PAIR = pair("nylon")
@@ -153,20 +154,13 @@ def test_the_same_by_time():
     assert "jnp.where" in refused("force", lambda x, u: math.exp(x), 1.0, sj.ODE())
 
 
-FINAL = {
-    "RateIndependentLaw": (sj.Zhou, sj.Thornton, sj.WaltonBraun, sj.Hertz),
-    "RateDependentLaw": (sj.LinearSpringDashpot, sj.HertzDashpot, sj.ViscoelasticHertz),
-    "HardSphereLaw": (sj.ConstantRestitution, sj.EmpiricalRestitution),
-}
-
-
-@pytest.mark.parametrize("base", FINAL)
-def test_the_librarys_laws_are_final(base):
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_the_librarys_laws_are_final(law):
     """Their formulas hold for their own forces alone."""
-    for law in FINAL[base]:
-        line = f"`Own` must derive from {base}, but derives from {law.__name__}, which is final"
-        with pytest.raises(ValueError, match=line):
-            type("Own", (law,), {})
+    base = law.__base__.__name__
+    line = f"`Own` must derive from {base}, but derives from {law.__name__}, which is final"
+    with pytest.raises(ValueError, match=line):
+        type("Own", (law,), {})
     assert type("Other", (getattr(sj, base),), {}).__name__ == "Other"
 
 

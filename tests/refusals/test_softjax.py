@@ -52,6 +52,7 @@ CALLS = {name: partial(replace, example) for name, example in MADE.items()} | {
     "signed": call(sj.signed_restitution, law=LAW, velocity=1.0),
     "collide": call(sj.collide, law=LAW, velocity=1.0),
     "ODE": sj.ODE,
+    "TimeODE": sj.TimeODE,
 }
 NEGATIVE = [-1.0, -1e-300, np.array([1.0, -1.0])]
 NOT_NUMBERS = [math.nan, math.inf, -math.inf, "1.0", None, {}, 1 + 2j, True, object]
