@@ -122,7 +122,7 @@ def band(
         error = np.sqrt(carried + sum(added.values()))
         degrees = freedom.degrees(labels, slope, error**2, block, added)
         if of_noise is not None:
-            degrees = np.minimum(degrees, of_noise.family.dof)
+            degrees = of_noise.family.predictive_degrees(degrees)
         # more degrees of freedom do not make one measurement surer than the mean
         reach = np.maximum(reach, quantile(confidence, degrees) * error)
         return value, value - reach, value + reach, error

@@ -45,7 +45,7 @@ import numpy as np
 from jaxtyping import Int
 
 from calibration.data import PointErrors, RestitutionData
-from calibration.fitting.noise import LN_2PI, Normal, family_of, over
+from calibration.fitting.noise import LN_2PI, Family, Normal, family_of, over
 from calibration.observables import Observed
 from calibration.options import FitOptions
 
@@ -88,7 +88,7 @@ class Errors:
     group: Int[np.ndarray, " n"] | None
     # variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²
     unknown: tuple[str, ...]
-    noise: Normal  # the family
+    noise: Family
     # degrees of freedom behind stated uncertainties, None where they are known
     degrees: float | None
     velocity: np.ndarray  # the measured velocities, and up to where a node may lie [m/s]
@@ -360,10 +360,6 @@ class Errors:
         precision = self.precisions(factor, xp)
         solved = self.solve(factor, off[..., None], xp)[..., 0]
         return -0.5 * (solved**2 / precision - xp.log(precision) + LN_2PI) - self.log_unit
-
-    @property
-    def is_normal(self) -> bool:
-        return type(self.noise) is Normal
 
     def simulate(self, s: Variances, carried: Carried, random, count: int) -> np.ndarray:
         """Errors of ε, (count, n)."""

@@ -12,7 +12,7 @@ from scipy import special
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.laws import LawModel, Tree
-from calibration.fitting.noise import FAMILIES, Normal
+from calibration.fitting.noise import FAMILIES, Family
 from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.rounding import NO_ERROR, with_error
@@ -157,7 +157,7 @@ class Goodness:
     group_offsets: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
 
     @property
-    def family(self) -> Normal:
+    def family(self) -> Family:
         """The distribution of the errors."""
         kind = FAMILIES[self.noise_family]
         return kind() if self.noise_dof is None else kind(self.noise_dof)

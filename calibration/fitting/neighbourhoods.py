@@ -24,8 +24,8 @@ def condensed(problem: Problem, z: Float[np.ndarray, " elements"] | None = None)
         z: where value (up to a constant) and gradient of the cost are to be those of all points; None:
             neighbourhoods have the mean of their values.
     """
-    normal = all(errors.is_normal and not errors.shares for errors in problem.errors)
-    if problem.count < MANY or not normal or problem.jumps:
+    merges = all(errors.noise.is_least_squares and not errors.shares for errors in problem.errors)
+    if problem.count < MANY or not merges or problem.jumps:
         return problem
     points, laws = problem.points, problem.laws
     block = np.repeat(np.arange(len(problem.spans)), [s.stop - s.start for s in problem.spans])

@@ -1,15 +1,14 @@
 """Families of noise: the density of one residual r of variance V, and all that sets one family apart.
 
-A further family is a class with the methods of `Normal`, smooth at r = 0, an entry of `FAMILIES` and the
+A further family is a class that answers all that `Family` asks, smooth at r = 0, an entry of `FAMILIES` and the
 same word in `FitOptions.noise`. Its fields are numbers of its own, set by `FitOptions.noise_<field>`; the
-places that have `noise_dof` by name are to have it, too.
-All but `Normal` are for independent errors. Prediction bands and `far_from_stated` take quantiles of t with its
-`dof`; `uncertainty` has errors of variances as of that many residuals.
+places that have `noise_dof` by name are to have it, too. No other room knows which families there are.
 
 Methods with `xp` work for NumPy and for jax.numpy; the others are for searches, in NumPy.
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -19,54 +18,126 @@ from scipy import special
 from calibration.options import FitOptions
 
 LN_2PI = math.log(2 * math.pi)
+RARE = 0.05  # probability that the farthest of n residuals is an outlier
+
+
+class Family(ABC):
+    """What rooms ask of a family; V is the variance of normal errors, else the square of a scale."""
+
+    name: ClassVar[str]
+    # whether -2 ln p is r²/V: the curve of the largest likelihood is that of least squares, whatever V is; points
+    # that share a curve merge into their mean; Σ r²/V is χ², and V is estimated as mean squares are
+    is_least_squares: ClassVar[bool]
+    has_joint: ClassVar[
+        bool
+    ]  # whether points may share errors: densities in `Errors` are normal ones
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """What errors are, in reports."""
+
+    @property
+    @abstractmethod
+    def scale_words(self) -> str:
+        """What √V is, in reports."""
+
+    @property
+    @abstractmethod
+    def information(self) -> Any:
+        """Fisher's, of the curve in one residual, times V."""
+
+    @abstractmethod
+    def variance_of_scale(self, left: Any) -> Any:
+        """Variance of ln V as intervals have it, estimated from so many residual degrees of freedom."""
+
+    @abstractmethod
+    def quantile(self, probability: Any) -> Any:
+        """Of residuals r/√V."""
+
+    @abstractmethod
+    def normal_of(self, white: Any) -> Any:
+        """Standard normal numbers that are as rare as residuals r/√V are."""
+
+    @abstractmethod
+    def predictive_degrees(self, degrees: Any) -> Any:
+        """Degrees of freedom of t whose quantiles a further point has, if its variance is known with so many."""
+
+    @abstractmethod
+    def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
+        """ln p of residuals."""
+
+    @abstractmethod
+    def log_predictive(self, off: Any, variance: Any, degrees: Any) -> Any:
+        """ln p where the variance is estimated with these degrees of freedom."""
+
+    @abstractmethod
+    def squares(self, white: Any) -> Any:
+        """-2 ln of p over its largest value, of residuals r/√V."""
+
+    @abstractmethod
+    def weight(self, white: Any) -> Any:
+        """-∂ln p/∂r V/r: what multiplies r² in least squares of the same gradient."""
+
+    @abstractmethod
+    def from_normal(self, normal: Any, xp: Any = np) -> Any:
+        """Residuals r/√V as a smooth function of standard normal numbers, one each."""
+
+    @abstractmethod
+    def drawn(self, normal: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """Residuals from normal ones of variance V."""
+
+    def farthest(self, count: int) -> float:
+        """Size of residuals r/√V from which on one of so many is an outlier."""
+        return float(self.quantile(1 - 0.5 * RARE / count))
 
 
 @dataclass(frozen=True, eq=False)
-class Normal:
+class Normal(Family):
     """-2 ln p = r²/V + ln V + ln 2π."""
 
-    name: ClassVar[Any] = "normal"
-    dof: ClassVar[Any] = math.inf  # degrees of freedom of t whose quantiles residuals have
-    information: ClassVar[Any] = 1.0  # Fisher's, of one residual, times V
-    words: ClassVar[Any] = "normal errors"
+    name = "normal"
+    is_least_squares = True
+    has_joint = True
+    words = "normal errors"
+    scale_words = "estimated standard deviation of a single ε"
+    information = 1.0
+
+    def variance_of_scale(self, left: Any) -> Any:
+        return 2 / left
 
     def quantile(self, probability: Any) -> Any:
-        """Of residuals r/√V."""
         return special.ndtri(probability)
 
-    def farthest(self, count: int, probability: float) -> float:
-        """Size that one of so many residuals exceeds with this probability."""
-        return float(self.quantile(1 - 0.5 * probability / count))
+    def normal_of(self, white: Any) -> Any:
+        return white
+
+    def predictive_degrees(self, degrees: Any) -> Any:
+        return degrees
 
     def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
-        """ln p of residuals."""
         return -0.5 * (off**2 / variance + xp.log(variance) + LN_2PI)
 
     def log_predictive(self, off: Any, variance: Any, degrees: Any) -> Any:
-        """ln p where the variance is estimated with these degrees of freedom; for normal errors alone."""
         finite = np.where(np.isinf(degrees), 1.0, degrees)
         heavy = StudentT(finite).log_density(off, variance)
         return np.where(np.isinf(degrees), self.log_density(off, variance), heavy)
 
     def squares(self, white: Any) -> Any:
-        """-2 ln of p over its largest value, of residuals r/√V."""
         return white**2
 
     def weight(self, white: Any) -> Any:
-        """-∂ln p/∂r V/r: what multiplies r² in least squares of the same gradient."""
         return np.ones_like(white)
 
     def from_normal(self, normal: Any, xp: Any = np) -> Any:
-        """Residuals r/√V as a smooth function of standard normal numbers, one each."""
         return normal
 
     def drawn(self, normal: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Residuals from normal ones of variance V."""
         return normal
 
 
 @dataclass(frozen=True, eq=False)
-class StudentT(Normal):
+class StudentT(Family):
     """-2 ln p = (ν + 1) ln(1 + r²/(ν V)) + ln V - 2 ln c_ν; √V is the scale.
 
     Source: Lange, Little and Taylor, J. Am. Stat. Assoc. 84, 881 (1989).
@@ -75,19 +146,38 @@ class StudentT(Normal):
         dof: ν.
     """
 
-    name: ClassVar[Any] = "student-t"
-    dof: Any  # type: ignore[misc]
+    name = "student-t"
+    is_least_squares = False
+    has_joint = False
+    scale_words = "estimated scale of Student's t of a single ε"
+    dof: Any
 
     @property
-    def information(self) -> Any:  # type: ignore[override]
+    def information(self) -> Any:
         return (self.dof + 1) / (self.dof + 3)
 
     @property
-    def words(self) -> str:  # type: ignore[override]
+    def words(self) -> str:
         return f"Student's t of {self.dof:.3g} degrees of freedom"
+
+    def variance_of_scale(self, left: Any) -> Any:
+        """As of normal errors, which intervals need.
+
+        ln V itself varies by Fisher's 2 (ν + 3)/(ν n): 0.48, 0.33 and 0.147 in 600 sets of 8, 12 and 26 points with
+        ν = 4. But the curvature at an estimate that is too small is too large by less: intervals with quantiles of
+        these degrees of freedom contained the truth in 97.3, 96.8 and 95.3 %, of 2/n in 95.5, 94.8 and 94.8 %.
+        """
+        return 2 / left
 
     def quantile(self, probability: Any) -> Any:
         return special.stdtrit(self.dof, probability)
+
+    def normal_of(self, white: Any) -> Any:
+        rare = special.stdtr(self.dof, -np.abs(white))  # of the near tail, which keeps its digits
+        return -np.sign(white) * special.ndtri(rare)
+
+    def predictive_degrees(self, degrees: Any) -> Any:
+        return np.minimum(degrees, self.dof)
 
     def log_density(self, off: Any, variance: Any, xp: Any = np) -> Any:
         if xp is np:
@@ -117,9 +207,10 @@ class StudentT(Normal):
 
 
 FAMILIES: dict[str, Any] = {family.name: family for family in (Normal, StudentT)}
+JOINT = tuple(name for name, family in FAMILIES.items() if family.has_joint)
 
 
-def family_of(options: FitOptions) -> Normal:
+def family_of(options: FitOptions) -> Family:
     """The family that the options of a fit name."""
     family = FAMILIES[options.noise]
     return family(**{f.name: getattr(options, f"noise_{f.name}") for f in fields(family)})

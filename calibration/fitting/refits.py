@@ -293,7 +293,7 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
         s = estimated(errors, carried, True, s) if errors.unknown else s
         variance[:, span] = total = errors.variance(s, *at) + np.zeros(off[:, span].shape)
         degrees: Any = np.inf
-        if errors.unknown and not errors.is_stated and errors.is_normal:
+        if errors.unknown and not errors.is_stated and errors.noise.is_least_squares:
             relative = relative_covariance(errors, s, carried)
             per = [errors.variance({**s, k: 2 * s[k]}, *at) - total for k in errors.unknown]
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)

@@ -34,6 +34,7 @@ from calibration.fitting.laws import (
     several_yields,
     zhou_model,
 )
+from calibration.fitting.noise import JOINT
 from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.options import KINDS_OF_LAW, FitOptions, checked_law, route_named
@@ -226,8 +227,9 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
 def _check_law(data: RestitutionData, model: LawModel, objective: str, noise: str) -> None:
     """Refuse a law that determines nothing of these data, or needs what they do not have."""
     names = listed(observed.name for observed in data.observed)
-    if noise != "normal" and Errors.of(data).shares:
-        accepted = '"normal" where points share errors (groups, bounce sequences)'
+    if noise not in JOINT and Errors.of(data).shares:
+        joint = " or ".join(f'"{name}"' for name in JOINT)
+        accepted = f"{joint} where points share errors (groups, bounce sequences)"
         raise DataError("noise", noise, accepted)
     by_force = not issubclass(model.law_type, sj.HardSphereLaw)
     if model.takes_contact and by_force and data.contact is None:

@@ -29,7 +29,9 @@ def _kind(problem: Problem) -> Any:
     laws, errors = problem.laws, problem.errors
     held = (problem.pull, problem.moves_yield, problem.drag)
     more = (problem.pools, problem.with_prior, np.any(problem.inside), any(laws.shape.shared))
-    is_simple = len(errors) == laws.size == 1 and errors[0].is_normal and problem.is_fixed
+    is_simple = (
+        len(errors) == laws.size == 1 and errors[0].noise.is_least_squares and problem.is_fixed
+    )
     is_simple &= problem.count < ALONE and not np.any(problem.points.observable)
     if not is_simple or any(a is not None for a in held) or any(more):
         return None

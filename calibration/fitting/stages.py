@@ -379,7 +379,10 @@ def _misses(problem: Problem, end: Ends) -> bool:
     left = len(residual) - len(problem.active)
     if left < 1:
         return False
-    if all(errors.is_stated and errors.is_fixed and errors.is_normal for errors in problem.errors):
+    if all(
+        errors.is_stated and errors.is_fixed and errors.noise.is_least_squares
+        for errors in problem.errors
+    ):
         return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
     off = residual[: problem.count]
     return any(runs(problem.points.velocity[span], off[span]) for span in problem.spans)

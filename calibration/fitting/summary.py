@@ -28,7 +28,6 @@ from calibration.observables import RESTITUTION
 from calibration.options import FitOptions
 from calibration.parameters import NONE
 
-RARE = 0.05  # probability that the farthest of n normal errors is named
 MOST_OUTLIERS = 100  # of one data set
 ROBUST = StudentT(4.0)
 MOST_ROBUST = 20_000  # points of a robust fit
@@ -67,7 +66,7 @@ def _with_robust(
     """
     name, problem = fit.component.stages[0]
     plain = all(
-        e.is_normal and not e.shares and {*e.unknown} <= {"scatter", "scale"}
+        e.noise.is_least_squares and not e.shares and {*e.unknown} <= {"scatter", "scale"}
         for e in problem.errors
     )
     is_possible = plain and fit.is_likelihood and fit.converged and problem.count <= MOST_ROBUST
@@ -186,7 +185,12 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     solved = errors.solve(factor, off[None, :, None])[0, :, 0]
     reduced, family = None, errors.noise
     stated = errors.is_stated or errors.unknown == ("scale",)
-    if errors.points.uncertainty is not None and left >= 1 and stated and errors.is_normal:
+    if (
+        errors.points.uncertainty is not None
+        and left >= 1
+        and stated
+        and errors.noise.is_least_squares
+    ):
         reduced = float(off @ solved) * float(s.get("scale", 1.0)) / left
     # of each point where the others of its group are known
     deviation = 1 / np.sqrt(errors.precisions(factor).reshape(-1) + 0 * off)
@@ -194,8 +198,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
     # noise of no more than rounding, of data without scatter, explains nothing and names nothing
     size = np.where((deviation > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
-    # the one of n points that noise sends so far once in 1/`RARE` data sets
-    limit = family.farthest(len(off), RARE)
+    limit = family.farthest(len(off))
     weighted, share = linear.residual[0, : problem.count][span] / allowed, family.weight(residual)
     standardised, weight = weighted / np.sqrt(share), share / family.weight(0 * residual)
     lines = () if data.origin is None else data.origin.lines
@@ -232,7 +235,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         outliers=tuple(outliers),
         standardised=tuple(map(float, standardised)),
         deviations=tuple(map(float, deviation)),
-        weights=() if errors.is_normal else tuple(map(float, weight)),
+        weights=() if errors.noise.is_least_squares else tuple(map(float, weight)),
         residual_degrees=left,
         group_offsets=offsets,
     )

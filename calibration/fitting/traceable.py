@@ -74,7 +74,7 @@ class NamedErrors:
         for kind, label in self.labels.items():
             if label in theta:
                 variances[kind] = jnp.asarray(theta[label]) ** 2
-            elif self.errors.is_plain and self.errors.is_normal:
+            elif self.errors.is_plain and self.errors.noise.is_least_squares:
                 variances[kind] = jnp.mean(off**2)
             else:
                 accepted = "with it: only plain normal noise is profiled"

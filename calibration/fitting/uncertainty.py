@@ -138,7 +138,7 @@ class Uncertainty:
     undetermined: Bool[np.ndarray, " p"]  # elements that lie in a null direction
     limits: Int[np.ndarray, " p"]  # elements at an end of their range, +1 or -1, else 0
     definite: bool  # whether the observed information is, or nothing depends on it
-    # standard deviation of the errors of each point (of Student's t the scale)
+    # standard deviation of the errors of each point (or the scale of their family)
     deviation: Float[np.ndarray, " points"]
     left: Float[np.ndarray, " blocks"]  # residual degrees of freedom of each block
     # the errors over those of known variances, 1 where none shares an error
@@ -184,8 +184,8 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     if asks_for_curvature(few):
         ways = np.zeros((len(basis), len(z)))
         ways[:, problem.active] = basis.T
-        is_normal = all(errors.is_normal for errors in problem.errors)
-        slopes = gradient_slopes(few, z, ways, np.inf if is_normal else OF_ERROR) @ basis
+        steady = all(errors.noise.is_least_squares for errors in problem.errors)
+        slopes = gradient_slopes(few, z, ways, np.inf if steady else OF_ERROR) @ basis
         curvature = 0.5 * (slopes + slopes.T)
         curvature += np.where(seen[:, None] & seen, 0.0, identity)
         finite = bool(np.all(np.isfinite(curvature)))
@@ -280,7 +280,7 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
         sets += [problem.block_names[g]] * len(kinds)
         names += kinds
         blocks.append(relative)
-        if not errors.is_normal:
+        if not errors.noise.is_least_squares:
             continue
         for c, d in np.ndindex(relative.shape):
             bent = first[c] @ first[d] + first[d] @ first[c] - second[c][d]
@@ -299,14 +299,14 @@ def _estimates(errors: Errors, s, residuals: Residuals, left: float):
             return [], np.zeros((0, 0))
         return ["repeats"], np.array([[2 / errors.degrees]])
     kinds = list(errors.unknown)
-    if not errors.is_normal:  # of Student's t: as if from that many residuals
-        return kinds[:1], np.full((len(kinds[:1]),) * 2, 2 / left)
+    if not errors.noise.is_least_squares:
+        return kinds[:1], np.full((len(kinds[:1]),) * 2, errors.noise.variance_of_scale(left))
     return kinds, relative_covariance(errors, s, residuals)[0]
 
 
 def _changes(errors: Errors, s, residuals: Residuals, kinds: list[str], white):
     """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one block."""
-    if kinds == ["repeats"] or not errors.is_normal:
+    if kinds == ["repeats"] or not errors.noise.is_least_squares:
         return [-white.T @ white], [[white.T @ white]]
 
     def information(step: np.ndarray) -> Matrix:

@@ -81,7 +81,7 @@ def criterion(errors: Errors, s: Mapping[str, Any], residuals: Residuals, restri
     values, vectors = np.linalg.eigh(information / (size[:, :, None] * size[:, None]))
     values = np.where(values > RIDGE * np.max(values, axis=1, keepdims=True), values, RIDGE)
     value = value + np.sum(np.log(values), axis=1) + 2 * np.sum(np.log(size), axis=1)
-    if not errors.is_normal or residuals.gradient is None:
+    if not errors.noise.is_least_squares or residuals.gradient is None:
         return value
     b = (residuals.gradient + np.einsum("fnp,fn->fp", jacobian, off)) * residuals.free / size
     return value - np.sum(np.einsum("fpq,fp->fq", vectors, b) ** 2 / values, axis=1)
@@ -254,7 +254,7 @@ def stands_alone(problem: Problem, g: int) -> bool:
     priors = bool(problem.pools) or any(e.parameter.prior is not None for e in problem.elements)
     several = problem.joint and len(problem.errors) > 1
     errors = problem.errors[g]
-    return errors.is_plain and errors.is_normal and not (priors or several)
+    return errors.is_plain and errors.noise.is_least_squares and not (priors or several)
 
 
 def first_variances(problem: Problem, z: np.ndarray) -> Problem:

@@ -84,11 +84,11 @@ ADVICE = {
     "mass-at-bound": "Widen the bound if it was given; else report that the data do not exclude the bound.",
     "follows-prior": "The data do not determine it: measure where it acts, or state a prior that you can justify.",
 }
-# the warnings under which no interval holds, and what the first sentence of a report says then; in the order
-# in which warnings are listed, after those of a property that is not plausible
+# the warnings under which no interval holds, and what the first sentence of a report says then, "" for the cause up
+# to its colon; in the order in which warnings are listed, after those of a property that is not plausible
 NO_INTERVAL_HOLDS = {
     "not-converged": "the search did not converge",
-    "level": "the law misses the level of the groups",
+    "level": "",
     "model-misfit": "the law misses the points by more than their noise",
     "residual-runs": "the law misses a trend in the points",
     "several-minima": "another minimum fits nearly as well",
@@ -117,6 +117,11 @@ class FitWarning:
     def rank(self) -> int:
         """Its place among warnings: the lower, the more of the result it is about."""
         return FIRST.index(self.code) if self.code in FIRST else len(FIRST)
+
+    @property
+    def reason(self) -> str:
+        """Why no interval holds, in the first sentence of a report; of codes of `NO_INTERVAL_HOLDS`."""
+        return NO_INTERVAL_HOLDS[self.code] or self.cause.partition(":")[0]
 
     def __str__(self) -> str:
         where = "" if self.material is None else f" ({self.material})"

@@ -16,12 +16,11 @@ import softjax as sj
 from calibration.data import plausibility
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate, Goodness, MaterialFit
-from calibration.fitting.noise import Normal
+from calibration.fitting.noise import Family
 from calibration.fitting.problem import DRAG, Lanes
 from calibration.fitting.profiles import Profile, weighted_deviation
 from calibration.fitting.search import Ends
 from calibration.fitting.stages import MOVED, ComponentFit, StageFit
-from calibration.fitting.uncertainty import quantile
 from calibration.fitting.warnings import CONFIDENCE, OTHER_LAWS, FitWarning, runs
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.rounding import number, with_error
@@ -385,8 +384,11 @@ def _of_residuals(part: MaterialFit, goodness: Goodness, errors: Errors, standar
     elif not has_intervals and part.rms_empirical is not None:
         misfit = _misfit_about_eq_17(part, part.rms_empirical)
         of_curve = part.rms_empirical < NOISELESS
+    far = None if misfit else _far_from_stated(goodness, errors)
+    if errors.is_stated and not far:
+        misfit = misfit or _misfit_of_family(goodness, errors.degrees)
     yield "model-misfit", misfit, CURVE if of_curve else "" if has_intervals else MISSES
-    yield "stated-uncertainty", None if misfit else _far_from_stated(goodness, errors)
+    yield "stated-uncertainty", far
     if not of_curve:
         yield "residual-runs", runs(errors.velocity, standardised), advice
 
@@ -410,6 +412,27 @@ def _misfit(goodness: Goodness, of_noise: float | None) -> str | None:
     return f"{size} (reduced chi squared {number(reduced, 3)})"
 
 
+def _misfit_of_family(goodness: Goodness, of_noise: float | None) -> str | None:
+    """The same of errors that have no χ²: of the normal numbers that are as rare as the residuals.
+
+    An outlier counts as much as one at the limit: heavy tails are there to bear a few, however far.
+    """
+    family, degrees = goodness.family, goodness.residual_degrees
+    if family.is_least_squares or degrees < 1:
+        return None
+    # each has the variance 1: as many degrees of freedom as the fit leaves
+    white = np.array(goodness.standardised)
+    limit = family.farthest(len(white))
+    reduced = float(np.mean(family.normal_of(np.clip(white, -limit, limit)) ** 2))
+    probability = float(special.chdtrc(degrees, reduced * degrees))
+    if of_noise is not None:
+        probability = float(special.fdtrc(degrees, of_noise, reduced))
+    if not probability < 1 - CONFIDENCE:
+        return None
+    size = "less than 1e-12" if probability < 1e-12 else f"{probability:.1g}"
+    return f"{family.words} as stated give residuals as large with a probability of {size}"
+
+
 def _misfit_about_eq_17(part: MaterialFit, about_eq_17: float) -> str | None:
     """Misfit where the noise is estimated from the scatter about Eq. (17): an F test.
 
@@ -430,7 +453,7 @@ def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
     """Residuals far larger than the stated uncertainties, or far smaller: by what is estimated, or their median."""
     if errors.points.uncertainty is None:  # only an error of the velocity is
         return None
-    variances, dof, size = goodness.variances, goodness.family.dof, np.abs(goodness.standardised)
+    variances, size = goodness.variances, np.abs(goodness.standardised)
     stated = variances.get("stated", variances.get("repeats", 0.0))
     if "scale" in errors.unknown:
         of_stated = float(np.mean(errors.points.uncertainty**2))
@@ -440,7 +463,7 @@ def _far_from_stated(goodness: Goodness, errors: Errors) -> str | None:
     elif variances.get("scatter"):
         ratio = (1 + variances["scatter"] / stated) ** 0.5
     else:
-        ratio = float(np.median(size)) / quantile(0.5, dof)
+        ratio = float(np.median(size) / goodness.family.quantile(0.75))
     few = len(size) < FEWEST_POINTS
     if ratio > FAR_FROM_STATED or (ratio < 1 / FAR_FROM_STATED and not few):
         return f"the points scatter by {ratio:.2g} times what was stated"
@@ -497,12 +520,10 @@ def _of_levels(fit: ComponentFit, part: MaterialFit, residual) -> Found:
         if level is not None:
             missed = f"by {level:+.2g}"
             if block.observable != RESTITUTION:
-                missed = f"of {OBSERVABLES[block.observable].words} by {100 * level:+.2g} %"
+                missed = f"in {OBSERVABLES[block.observable].words} by {100 * level:+.2g} %"
             side = "above" if level > 0 else "below"
-            yield (
-                "level",
-                f"the law misses the level {missed}: the groups as a whole are {side} the curve",
-            )
+            cause = f"the law misses the level of the groups {missed}: as a whole they are {side} the curve"
+            yield "level", cause
     first = next((k for k, block in of_set if block.observable == RESTITUTION), None)
     if part.group_offsets and first in fit.offsets:
         # in the order of `group_offsets`
@@ -530,7 +551,7 @@ def _of_levels(fit: ComponentFit, part: MaterialFit, residual) -> Found:
             yield "offset", f"its points lie {where}, by {abs(mean):.2g} on the average"
 
 
-def _no_velocity_dependence(errors: Errors, restitution: Column, noise: Normal) -> str | None:
+def _no_velocity_dependence(errors: Errors, restitution: Column, noise: Family) -> str | None:
     """A straight line's slope is zero within its 95 % interval, by the noise of the fit.
 
     Scatter that is not stated is estimated about the line, in turn with the weights of the points.
@@ -542,12 +563,14 @@ def _no_velocity_dependence(errors: Errors, restitution: Column, noise: Normal) 
     design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1)
     white, target = design / unit[:, None], restitution / unit
     weight, scale = np.ones(len(velocity)), 1.0
-    for _ in range(1 if type(noise) is Normal else LINE_ROUNDS):
+    for _ in range(LINE_ROUNDS):
         line = np.linalg.pinv(white * weight[:, None] ** 0.5) @ (target * weight**0.5)
         off = target - white @ line
         if stated is None:
             scale = float(np.sum(weight * off**2) / left) ** 0.5 if left > 0 else np.inf
-        weight = noise.weight(off / max(scale, 1e-300))
+        weight, before = noise.weight(off / max(scale, 1e-300)), weight
+        if np.array_equal(weight, before):
+            break
     error = scale * float(np.linalg.inv(white.T @ white * noise.information)[1, 1]) ** 0.5
     slope, quantile = float(line[1]), float(special.ndtri(0.975))
     if stated is None and left > 0:

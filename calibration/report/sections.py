@@ -9,7 +9,7 @@ import pandas as pd
 
 from calibration import symbols
 from calibration.fitting.request import stated_parameters
-from calibration.fitting.warnings import NO_INTERVAL_HOLDS
+from calibration.fitting.warnings import NO_INTERVAL_HOLDS, FitWarning
 from calibration.options import VALUES_ALONE
 from calibration.parameters import Parameter
 from calibration.report.layout import Block, Item
@@ -213,12 +213,14 @@ def _unscattered(result: Any) -> list[tuple[str, str]]:
 
 def _reasons(result: Any) -> list[str]:
     """Why no interval holds, each with its data sets where there are several."""
+    warnings: list[FitWarning] = [w for w in result.warnings if w.code in NO_INTERVAL_HOLDS]
+    warnings.sort(key=lambda warning: warning.rank)
     reasons = []
-    for code, text in NO_INTERVAL_HOLDS.items():
-        owners = [warning.material for warning in result.warnings if warning.code == code]
-        names = [] if None in owners else list(dict.fromkeys(owners))
+    for text in dict.fromkeys(warning.reason for warning in warnings):
+        owners = dict.fromkeys(w.material for w in warnings if w.reason == text)
+        names = [] if None in owners else [name for name in owners if name is not None]
         of = f" ({who})" if names and (who := whose(names, result)) else ""
-        reasons += [text + of] if owners else []
+        reasons.append(text + of)
     return reasons
 
 

@@ -21,14 +21,13 @@ MOST_GROUPS = 20  # rows of the table of their offsets
 ROUNDING = 1e-12  # of ε
 QUALITY = {  # columns of the goodness of fit
     "dof": "degrees of freedom of the residuals",
-    "scatter": "estimated standard deviation of a single ε",
+    "scatter": "",  # as the family of noise calls it
     "between groups": "estimated standard deviation of the groups' offsets in ε",
     "of times [ms]": "estimated standard deviation of the times of bounces",
     "χ²/dof": "squared residuals over the stated variances, per degree of freedom",
     "factor": "by which the stated uncertainties were scaled, √(χ²/dof)",
     "P": "probability of a χ² at least as large if law and stated uncertainties hold",
 }
-SCALE = "estimated scale of Student's t of a single ε"
 METHODS = {
     "profile": "where the profile likelihood crosses its threshold; open if it never does",
     "wald": "the estimate and its standard error times a quantile, of ln θ where θ is positive",
@@ -209,7 +208,7 @@ def fitted_texts(fit: Any, level: float | None = None, with_errors: bool = True)
 def quality_words(result: Any) -> list[str]:
     """What the columns of the goodness of fit are."""
     table = quality_table(result)
-    words = QUALITY | {"scatter": SCALE} if result.settings.get("noise") == "student-t" else QUALITY
+    words = QUALITY | {"scatter": result.materials[0].family.scale_words}
     return [f"{name}: {text}" for name, text in words.items() if name in table]
 
 
@@ -338,7 +337,10 @@ def outlier_lines(result: Any) -> tuple[str, list[str]]:
     """
     found, count, several = [], 0, len(result.materials) > 1
     for fit in result.materials:
-        count += len(fit.standardised) + sum(len(g.standardised) for g in fit.observed.values())
+        of_eps = (
+            len(fit.standardised) if RESTITUTION in fit.measured else 0
+        )  # else of an observable
+        count += of_eps + sum(len(goodness.standardised) for goodness in fit.observed.values())
         owner = f"{fit.name}, " if several else ""
         found += [(owner, outlier, fit.data.fall) for outlier in fit.outliers]
     if not found:

@@ -113,7 +113,7 @@ def test_table_problem_and_leave_one_out_are_of_the_same_density(data, result):
     exact = time, force[5:]
     off = [block.value / at - 1 for block, at in zip(data.observed, exact, strict=True)]
     lines = [cells(line) for line in str(result).splitlines()]
-    times, forces = (line for line in lines if "t_c" in str(line) or "F_max" in str(line))
+    times, forces = (line for line in lines if line[:1] == ["data"])
     assert [times[:3], forces[:3]] == [
         ["data", "contact time t_c", "20"],
         ["data", "peak force F_max", "15"],
@@ -258,11 +258,9 @@ def test_impacts_may_lack_a_restitution(tmp_path):
     expected = np.mean((eps[known] - curve(V[known], *best)) ** 2) ** 0.5
     assert result.materials[0].rms_empirical == pytest.approx(expected, rel=1e-6)
     assert "curves.png" in result.report(tmp_path)
-    rows, times = (
-        [cells(line) for line in str(result).splitlines()],
-        result.material().observed["contact_time"],
-    )
-    assert ["data", "13"] in [row[:2] for row in rows]
+    rows = [cells(line) for line in str(result).splitlines()]
+    times = result.material().observed["contact_time"]
+    assert "points 13, " in str(result)
     per_cent = [f"{100 * x:.3g}" for x in (times.rms, times.noise)]
     assert ["data", "contact time t_c", "20", *per_cent] in [row[:5] for row in rows]
     _, lower = comparison_figure([cal.compare(data, ["hertz"], starts=2)]).axes
@@ -276,7 +274,7 @@ def test_where_no_restitution_was_measured_none_is_predicted(tmp_path):
     free = {"contact.youngs_modulus": cal.Parameter()}
     result = cal.fit(data, "hertz", free, **QUICK)
     assert "curves.png" in result.report(tmp_path)
-    assert f"noise does not explain {len(result.outliers)} of 20 points" in str(result)
+    assert f"{len(result.outliers)} of 20 points lie beyond the noise" in str(result)
     with pytest.raises(ValueError, match="one that was measured: peak_force, but is restitution"):
         result.band(V, kind="prediction")
     np.testing.assert_array_equal(cal.fisher_information(result, [0.2]).uncertainty, [0.01])

@@ -353,9 +353,13 @@ def test_offsets_of_groups_do_not_carry_a_level_that_the_law_misses(tmp_path):
     (warning,) = (one for one in missed.warnings if one.code == "level")
     mean = np.mean([offset for offset, _ in missed.materials[0].group_offsets.values()])
     assert -0.25 < mean < -0.1
-    assert f"by {mean:+.2g}: the groups as a whole are below the curve" in warning.cause
+    said = f"the law misses the level of the groups by {mean:+.2g}"
+    assert warning.cause == f"{said}: as a whole they are below the curve"
     assert missed.warnings[0] == warning
-    assert "the law misses the level of the groups" in " ".join(str(missed).split(".")[0].split())
+    missed.report(tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    for text in (str(missed), page[page.index("<strong>") + 8 :]):
+        assert " ".join(text.split()).startswith(f"No interval holds: {said}")
     assert missed.intervals["rate"] == (None, None)
     assert np.isnan(missed.standard_errors["rate"])
     assert np.all(np.isnan([missed.covariance, missed.covariance]))

@@ -410,6 +410,47 @@ def test_a_slope_has_the_weights_of_heavy_tails(slope, stated):
         assert f"is {best.x[0]:.2g} ± {error:.2g} per m/s" in causes[0]
 
 
+def thirty_with(off, noise):
+    """ε = 0.8 known to 0.01, two of 30 points off by so many u, to either side, so that the fit stays."""
+    e = 0.8 + 0.003 * (-1.0) ** np.arange(30)
+    e[[11, 12]] = 0.8 + 0.01 * off, 0.8 - 0.01 * off
+    data = cal.RestitutionData(np.linspace(1, 5, 30), e, uncertainty=0.01)
+    return cal.fit(data, "constant", noise=noise, profiles=False, starts=1)
+
+
+@pytest.mark.parametrize(("noise", "of"), [("normal", stats.norm), ("student-t", stats.t(4))])
+def test_an_outlier_is_what_one_data_set_in_twenty_has_by_its_family(noise, of):
+    """The farthest of 30 residuals: 3.14 of normal errors, 7.09 of Student's t with four degrees of freedom."""
+    limit = of.ppf(1 - 0.05 / (2 * 30))
+    near, far = (thirty_with(factor * limit, noise) for factor in (0.97, 1.01))
+    assert near.outliers == ()
+    assert {one.row for one in far.outliers} == {12, 13}
+    sizes = [abs(one.residual) for one in far.outliers]
+    np.testing.assert_allclose(sizes, 1.01 * limit, rtol=0.03)  # over √(1 - leverage)
+
+
+def test_points_that_heavy_tails_do_not_explain_are_a_warning_and_one_of_a_few_is_none():
+    """Rarities by SciPy: five of 27 points by 15 u are no tails of Student's t, one by 150 u is."""
+    five, one = 0.3 * (-1.0) ** np.arange(27), 0.3 * (-1.0) ** np.arange(27)
+    five[4:24:4], one[4] = 15 * np.array([1, -1, 1, -1, 1]), -150
+    data = [
+        cal.RestitutionData(np.linspace(1, 5, 27), 0.8 + 0.004 * off, uncertainty=0.004)
+        for off in (five, one)
+    ]
+    heavy = [cal.fit(d, "constant", noise="student-t", profiles=False, starts=1) for d in data]
+    assert [len(result.outliers) for result in heavy] == [5, 1]
+    assert ["model-misfit" in codes(result) for result in heavy] == [True, False]
+    said = [" ".join(str(result).split()) for result in heavy]
+    assert said[0].startswith("No interval holds: the law misses the points by more than")
+    (cause,) = (w.cause for w in heavy[0].warnings if w.code == "model-misfit")
+    rare = stats.t.sf(np.abs(heavy[0].materials[0].standardised), 4)
+    rare = stats.norm.isf(
+        np.maximum(rare, 0.05 / (2 * 27))
+    )  # from the limit of outliers on all are alike
+    expected = stats.chi2.sf(np.mean(rare**2) * heavy[0].materials[0].residual_degrees, 26)
+    assert float(cause.split()[-1]) == pytest.approx(expected, rel=0.3)
+
+
 @pytest.mark.parametrize(("velocity", "count"), [(0.99, 1), (0.9995, 0), (5.004, 0), (5.01, 1)])
 def test_extrapolation_below_and_above(velocity, count):
     result = constant(np.array([1.0, -1.0, 0.0]), np.array([1.0, 2.0, 5.0]))
