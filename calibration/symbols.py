@@ -111,3 +111,15 @@ def words(name: str, model: Any = None) -> str:
     what = "" if declared is None or declared.what == "number" else declared.what
     built_in = model is None or model.key in LAWS or leaf in CONTACT_LEAVES
     return WORDS.get(leaf, what) if built_in else what
+
+
+WHOSE = {"wall": "the wall's ", "second": "the second sphere's ", "contact": "the pair's "}
+INPUTS = {"youngs_modulus": "Young's modulus", "poisson_ratio": "Poisson's ratio"}
+INPUTS |= {"height_offset": "zero of heights", "height_scale": "scale of heights"}
+INPUTS |= {"velocity_scale": "scale of velocities", "time_scale": "scale of times"}
+
+
+def input_words(name: str) -> str:
+    """An input of a measurement in words: "the wall's yield strength"."""
+    owner, _, key = name.rpartition(".")
+    return WHOSE.get(owner, "the ") + INPUTS.get(key, key.replace("_", " "))

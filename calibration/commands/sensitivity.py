@@ -2,7 +2,7 @@
 
     softjax sensitivity nylon                        # θ ∂ε/∂θ over velocity: table, CSV, pictures
     softjax sensitivity nylon --study information    # how well 30 shots would determine χ̃, σ, ψ
-    softjax sensitivity nylon --study design --shots 10 --criterion D --free yield_strength=2e6
+    softjax sensitivity nylon --study design --shots 10 --criterion D --free contact.yield_strength=2e6
     softjax sensitivity --fit results/fit.json --material nylon --study design
     softjax sensitivity --fit results/fit.json --study design --precision 5% --target eps@2
 

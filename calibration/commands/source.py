@@ -248,7 +248,9 @@ def _law(
             accepted = f"give --set {field}=X, fix it by a plain number, or read its fit by --fit"
             place = parameter.origin or Origin("")  # a file's parameters have one
             raise InputError(place.file, place.line, problem, accepted)
-    measured = getattr(arguments, "restitution", None), getattr(arguments, "at", None)
+    measured: tuple[Any, Any] = (None, None)
+    if hasattr(arguments, "restitution"):  # other commands have another --at
+        measured = arguments.restitution, arguments.at
     if measured != (None, None):
         if name != "viscoelastic" or "dissipation_time" in stated:
             accepted = "left out with dissipation_time, and with other laws than viscoelastic"

@@ -1,5 +1,6 @@
 """Bodies that collide: the sphere that flies, a second sphere, a wall."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -76,3 +77,11 @@ class Body:
         """The sphere of some rows."""
         each = {name: getattr(self, name) for name in ("radius", "stated_mass")}
         return replace(self, **{name: x[rows] for name, x in each.items() if np.ndim(x)})
+
+
+def yielding(bodies: Sequence[Body]) -> Body | None:
+    """The body of the lower yield strength; None where both have one, or it is not known of two."""
+    known = [body.material.yield_strength for body in bodies if body.material is not None]
+    if len(known) != 2 or known[0] == known[1]:
+        return None
+    return bodies[int(known[1] < known[0])]

@@ -34,8 +34,18 @@ import softjax as sj
 from calibration.data.air import checked_air
 from calibration.data.bodies import Body
 from calibration.data.columns import UNCERTAINTIES
+from calibration.data.inputs import (
+    EXACT,
+    INSTRUMENTS,
+    OF_ENTRY,
+    SIZES,
+    Input,
+    divided,
+    standard_uncertainty,
+)
 from calibration.data.measurements import LONGEST_NAME, RestitutionData
 from calibration.data.plausible import RANGES, of_bodies
+from calibration.data.points import STANDARD_GRAVITY
 from calibration.data.sheet import read_csv
 from calibration.data.stated import Parameters, measure
 from calibration.data.toml import FAULTS, Place, TomlFile, combined, read_toml_file
@@ -51,7 +61,7 @@ NAMED = {"stainless steel": sj.STAINLESS_STEEL, "chrome steel": sj.CHROME_STEEL,
 NAMED_SOURCE = "Table 1 of Zhou (2013)"
 BODIES = {"material", *PROPERTIES, *RADII, *DIAMETERS, "wall", "second", "area", "mass"}
 OF_TRACKS = ("frame_rate", "scale", "down", "exposure", "object", "bounce_contact_time")
-OF_DATA = ("gravity", "dent", "limit_velocity", "sheet", "repeats", *OF_TRACKS)
+OF_DATA = ("gravity", "dent", "limit_velocity", "sheet", "repeats", *OF_TRACKS, *INSTRUMENTS)
 PLAUSIBLE = dict.fromkeys((*RADII, *DIAMETERS), RANGES["radius"]) | RANGES
 NEEDED_RADII = "needed is radius, or radius_1 and radius_2, or the diameters instead"
 
@@ -70,13 +80,38 @@ def _air(value: Any) -> Any:
 
 
 AirOption = Annotated[bool | float | str | None, BeforeValidator(_air)]
+OWNERS = ("", "wall", "second")  # of inputs
+DEFAULTS = EXACT | {"gravity": STANDARD_GRAVITY}
+
+
+def _number_or_text(text: str) -> float | str:
+    """A number without a unit as a number, which is in SI."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
 Pressure = Annotated[float | None, measure("Pa")]
 Length = Annotated[float | None, measure("m")]
+Factor = Annotated[float | None, measure("1")]
 Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
 
 
+def _uncertainty_fields(names: Mapping[str, str]) -> dict[str, Any]:
+    """A field for the standard uncertainty of each input."""
+    return {
+        f"{name}_uncertainty": (Annotated[float | str | None, measure(si, of_rows=True)], None)
+        for name, si in names.items()
+    }
+
+
 class BodyTable(Strict):
-    """A body: its four properties, or the name of a material of Table 1."""
+    """A body: its four properties, or the name of a material of Table 1.
+
+    A number may be stated with its standard uncertainty, "115 ± 5 GPa", or have it as
+    `youngs_modulus_uncertainty`.
+    """
 
     material: Annotated[
         str | None,
@@ -90,10 +125,55 @@ class BodyTable(Strict):
     density: Annotated[float | None, measure("kg/m^3")] = None
     yield_strength: Pressure = None
 
+    @model_validator(mode="before")
+    @classmethod
+    def _parted(cls, values: Any) -> Any:
+        """ "115 ± 5 GPa" as a value and its standard uncertainty."""
+        if not isinstance(values, dict):
+            return values
+        numbers = dict(values)
+        for name, stated in values.items():
+            both = divided(stated) if name in OF_ENTRY and isinstance(stated, str) else None
+            if both is None:
+                continue
+            size = f"{name}_uncertainty"
+            if size in values:
+                accepted = f"the uncertainty of {name} is stated once"
+                raise Refused((size,), f"{size} in addition to {stated!r}", accepted)
+            numbers[name], numbers[size] = map(_number_or_text, both)
+        return numbers
+
     @model_validator(mode="after")
     def _checked(self) -> "BodyTable":
         self.check()
+        for name in self.uncertain:
+            if self.value_of(name) is None:
+                size = f"{name}_uncertainty"
+                raise Refused((size,), f"{size} without {name}", f"{name} is needed with it")
         return self
+
+    @property
+    def uncertain(self) -> list[str]:
+        """Inputs whose standard uncertainty is stated here."""
+        return [name for name in OF_ENTRY if getattr(self, f"{name}_uncertainty", None) is not None]
+
+    def value_of(self, name: str) -> float | None:
+        """An input in SI; None where it is not stated."""
+        known = getattr(self, name, None)
+        if name in PROPERTIES and known is None and self.material is not None:
+            return float(getattr(self.solid, name))
+        if known is None and name in type(self).model_fields:
+            return DEFAULTS.get(name)
+        return known
+
+    def moved(self, name: str, change: float) -> "BodyTable":
+        """The same with another value of one input."""
+        value = self.value_of(name)
+        assert value is not None
+        own: dict[str, Any] = {}
+        if name in PROPERTIES and self.material is not None:
+            own = {"material": None} | {each: self.value_of(each) for each in PROPERTIES}
+        return self.model_copy(update=own | {name: value + change})
 
     def check(self) -> None:
         """Refuse a body of which something is missing."""
@@ -115,6 +195,23 @@ class BodyTable(Strict):
         return sj.Material(**{name: getattr(self, name) for name in PROPERTIES})
 
 
+class _OtherBody(BodyTable):
+    """The wall or the second sphere.
+
+    With `correlated` its properties have the errors of the first body's (true: they are of one
+    steel), or of those of the `[[material]]` of that name, which `material = "name"` stands for.
+    """
+
+    correlated: bool | str = False
+
+
+OtherBodyTable: Any = create_model(
+    "OtherBodyTable",
+    __base__=_OtherBody,
+    **_uncertainty_fields({name: OF_ENTRY[name] for name in PROPERTIES}),
+)
+
+
 class _Material(BodyTable):
     """One `[[material]]`, but the uncertainties for all rows."""
 
@@ -128,13 +225,17 @@ class _Material(BodyTable):
     diameter: Length = None
     diameter_1: Length = None
     diameter_2: Length = None
-    wall: BodyTable | None = None
-    second: BodyTable | None = None
+    wall: OtherBodyTable | None = None
+    second: OtherBodyTable | None = None
     area: Literal["zhou", "hertz"] | None = None
     limit_velocity: Annotated[float | None, measure("m/s")] = None
     gravity: Annotated[float | None, measure("m/s^2")] = None
     air: AirOption = None
     mass: Annotated[float | None, measure("kg")] = None
+    height_offset: Annotated[float | None, measure("m", "a length", signed=True)] = None
+    height_scale: Factor = None
+    velocity_scale: Factor = None
+    time_scale: Factor = None
     dent: Literal["largest", "residual"] = "largest"
     frame_rate: Annotated[
         float | None,
@@ -209,6 +310,7 @@ _ROWS: dict[str, Any] = {
     for name, si in UNCERTAINTIES.items()
 }
 _ROWS["uncertainty"] = Annotated[float | None, measure("1", of_rows=True)], None
+_ROWS |= _uncertainty_fields(OF_ENTRY)
 MaterialTable: Any = create_model("MaterialTable", __base__=_Material, **_ROWS)
 
 
@@ -217,6 +319,20 @@ class FileOptions(FitOptions):
 
     area: Literal["zhou", "hertz"] | None = None
     air: AirOption = None
+
+
+def _with_named_bodies(entry: dict[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry whose other body has the properties of the entry that it names."""
+    changed = {}
+    for owner in OWNERS[1:]:
+        body: dict[str, Any] = entry[owner] if isinstance(entry.get(owner), dict) else {}
+        name = body.get("material")
+        if isinstance(name, str) and name in known and name not in NAMED:
+            names = ("material", *PROPERTIES, *(f"{each}_uncertainty" for each in PROPERTIES))
+            same = {each: known[name][each] for each in names if each in known[name]}
+            changed[owner] = {n: x for n, x in body.items() if n != "material"} | same
+            changed[owner]["correlated"] = name
+    return entry | changed
 
 
 class MaterialTables(Strict):
@@ -228,6 +344,16 @@ class MaterialTables(Strict):
     ] = Field(default_factory=list)
     fit: FileOptions = FileOptions()
     parameters: Parameters = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_one_material(cls, values: Any) -> Any:
+        """Walls and second bodies of the material of another entry, with its properties."""
+        entries = values.get("material") if isinstance(values, dict) else None
+        if not (isinstance(entries, list) and all(isinstance(entry, dict) for entry in entries)):
+            return values
+        known = {entry["name"]: entry for entry in entries if isinstance(entry.get("name"), str)}
+        return values | {"material": [_with_named_bodies(entry, known) for entry in entries]}
 
     @model_validator(mode="after")
     def _together(self) -> "MaterialTables":
@@ -277,7 +403,14 @@ class MaterialEntry:
         self.stated: dict[str, Parameter] = {}
         for place, parameters in (((), file.content.parameters), (self.place, table.parameters)):
             for key, parameter in parameters.items():
-                origin = Origin(file.path, file.line((*place, "parameters", key)))
+                exact = (*place, "parameters", key)
+                parted = (
+                    *place,
+                    "parameters",
+                    *key.split("."),
+                )  # contact.radius without quotation marks
+                line = file.line(exact if exact in file.lines else parted)
+                origin = Origin(file.path, line)
                 self.stated[key] = parameter.model_copy(update={"origin": origin})
         self._check_far()
         if needs_data and table.data is None:
@@ -377,10 +510,86 @@ class MaterialEntry:
                 )
             else:
                 data = read_csv(path, self.contact, **options, one_size=self.contact is not None)
-            return data.averaged() if table.average_repeats else data
+            data = data.averaged() if table.average_repeats else data
+            return replace(data, source=OfEntry(self.file, self.place[1], self.name))
         except DataError as error:  # of what is stated here, not in the table
             key = error.argument if error.argument in options else "average_repeats"
             raise error.at(self.file.path, self.file.line((*self.place, key))) from None
+
+
+@dataclass(frozen=True)
+class OfEntry:
+    """The inputs of a `[[material]]`, and its data with some of them moved."""
+
+    file: TomlFile[MaterialTables]
+    place: int
+    name: str
+
+    @property
+    def table(self) -> Any:
+        return self.file.content.material[self.place]
+
+    @property
+    def stated(self) -> tuple[Input, ...]:
+        found = []
+        for owner in OWNERS:
+            body = self._body(owner)
+            for name in () if body is None else body.uncertain:
+                value, size = body.value_of(name), getattr(body, f"{name}_uncertainty")
+                size = standard_uncertainty(name, size, value)
+                found.append(Input(f"{owner}.{name}".lstrip("."), value, size))
+        return tuple(found)
+
+    @property
+    def exact(self) -> tuple[str, ...]:
+        if not self.table.has_bodies:
+            return ()
+        return tuple(n for n in self._known() if n.rpartition(".")[2] in (*PROPERTIES, *SIZES))
+
+    def value(self, name: str) -> float:
+        owner, _, key = name.rpartition(".")
+        body = self._body(owner) if owner in OWNERS else None
+        value = None if body is None or key not in OF_ENTRY else body.value_of(key)
+        if value is None:
+            accepted = f"an input of the [[material]] {self.name}, as {listed(self._known())}"
+            raise DataError("inputs", repr(name), accepted)
+        return float(value)
+
+    def identity(self, name: str) -> Any:
+        owner, _, key = name.rpartition(".")
+        body = self._body(owner)
+        if owner and body.correlated:
+            return self.name if body.correlated is True else body.correlated, key
+        if owner or key in (*INSTRUMENTS, "gravity"):  # one plate, one ruler for several materials
+            return name, self.value(name), getattr(body, f"{key}_uncertainty")
+        return self.name, key
+
+    def moved(self, data: RestitutionData, moves: Mapping[str, float]) -> RestitutionData:
+        table = self.table
+        for name, change in moves.items():
+            owner, _, key = name.rpartition(".")
+            body = (getattr(table, owner) if owner else table).moved(key, change)
+            table = table.model_copy(update={owner: body}) if owner else body
+        tables = [*self.file.content.material]
+        tables[self.place] = table
+        content = self.file.content.model_copy(update={"material": tables})
+        again = MaterialEntry(replace(self.file, content=content), self.place, self.name, True).data
+        assert again is not None
+        if not moves and again != data:
+            accepted = "those of data as they were read; give a contact.… of data that were changed"
+            raise DataError("inputs", f"of {self.name}", accepted)
+        return replace(again, source=data.source)
+
+    def _body(self, owner: str) -> Any:
+        return getattr(self.table, owner) if owner else self.table
+
+    def _known(self) -> list[str]:
+        names = []
+        for owner in OWNERS:
+            body = self._body(owner)
+            known = () if body is None else (n for n in OF_ENTRY if body.value_of(n) is not None)
+            names += [f"{owner}.{name}".lstrip(".") for name in known]
+        return names
 
 
 @dataclass(frozen=True)

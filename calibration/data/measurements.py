@@ -27,6 +27,7 @@ from calibration.data.checks import (
 )
 from calibration.data.columns import OBSERVED
 from calibration.data.contact_time import stated_contact
+from calibration.data.inputs import INSTRUMENTS, Input, OfArrays, Source, standard_uncertainty
 from calibration.data.layout import NO_UNIT
 from calibration.data.point_errors import PointErrors
 from calibration.data.points import (
@@ -61,8 +62,8 @@ FAR_ABOVE = 10.0  # from here on no slip of a digit brings it
 PERCENT = 10.0  # from here on 85 for 0.85 is the likeliest slip
 LONGEST_NAME = 200  # which pictures and tables can show
 # stated of all rows, not in the table
-OF_ROWS = {"gravity", "air", "bounce_contact_time", *TrackOptions._fields}
-NOT_COMPARED = {"bodies", "fall", "origin", "errors", "observed", "measured", "tracks"}
+OF_ROWS = {"gravity", "air", "bounce_contact_time", *TrackOptions._fields, *INSTRUMENTS}
+NOT_COMPARED = {"bodies", "fall", "origin", "source", "errors", "observed", "measured", "tracks"}
 BESIDE = tuple(name for observed in OBSERVED for name in (observed, f"{observed}_uncertainty"))
 
 
@@ -107,6 +108,7 @@ class RestitutionData:
         fall: how drop heights became velocities; not compared.
         tracks: the tracks z(t) that the points are from (`calibration.data.tracks.BounceTrack`); not compared.
         origin: file and lines the points came from, for messages.
+        source: what reads the data again with other inputs; None: they were given as arrays.
 
     Raises:
         ValueError: naming the argument, its value and what is accepted; an `InputError` with file
@@ -131,6 +133,7 @@ class RestitutionData:
     fall: Fall | None = None
     tracks: tuple[Any, ...] = ()
     origin: Origin | None = None
+    source: Source | None = None
 
     def __post_init__(self):
         try:
@@ -159,6 +162,10 @@ class RestitutionData:
         density: float | None = None,
         group: Sequence[Any] | None = None,
         dent: str = "largest",
+        height_offset: float | None = None,
+        height_scale: float | None = None,
+        velocity_scale: float | None = None,
+        time_scale: float | None = None,
         one_size: bool = False,
         remarks: Sequence[str] = (),
         bodies: Sequence[Body] | Callable[[Column], Sequence[Body]] = (),
@@ -192,6 +199,8 @@ class RestitutionData:
             frame_rate, scale, down, exposure, object: of a track, see `calibration.data.track_table.TrackOptions`.
             bounce_contact_time: how long a bounce lasts [s], or text ("4 ms"), taken off the intervals between
                 bounces, or out of a track; where left out Hertz's duration of the bodies, if these are known.
+            height_offset, height_scale, velocity_scale, time_scale: what all readings are corrected by:
+                a height is scale · reading + offset [m].
             origin: file and line of each row of the table.
             uncertainties: `uncertainty`, `velocity_uncertainty`, `interval_uncertainty` and so on,
                 for all rows, in place of a column: a number in SI, or text with its unit, "0.5 mm"
@@ -206,6 +215,9 @@ class RestitutionData:
             raise DataError("table", table, "named columns; `read_csv` reads a file")
         stated = {key: value for key, value in uncertainties.items() if value is not None}
         ball = _ball(diameter, mass, density, bodies, contact)
+        scales = (height_offset, height_scale, velocity_scale, time_scale)
+        pairs = zip(INSTRUMENTS, scales, strict=True)
+        instruments = {name: value for name, value in pairs if value is not None}
         try:
             pair = Pair(ball, contact, bodies, one_size)
             of_track = TrackOptions(frame_rate, scale, down, exposure, object)
@@ -216,12 +228,14 @@ class RestitutionData:
                     accepted = "left out with a track, whose frames show its noise"
                     raise DataError(next(iter(stated), "group"), "given", accepted)
                 rows, points = read_tracks(
-                    table, headers, pair, gravity, air, of_track, lasts, origin
+                    table, headers, pair, gravity, air, of_track, lasts, origin, instruments
                 )
                 remarks = (*remarks, *rows.remarks)
             else:
                 of_track.check_unused()
-                rows = read_rows(table, pair, stated, gravity, group, air, origin, lasts)
+                rows = read_rows(
+                    table, pair, stated, gravity, group, air, origin, lasts, instruments
+                )
                 remarks = (*remarks, *rows.remarks)
                 points = points_of(rows)
             measured = observed_of(rows, points)
@@ -284,6 +298,7 @@ class RestitutionData:
             errors=errors,
             degrees=degrees,
             origin=None if self.origin is None else self.origin.select(rows),
+            source=None,
         )
 
     @cached_property
@@ -311,6 +326,24 @@ class RestitutionData:
         return RestitutionData(
             self.velocity[rows], self.restitution[rows], errors=errors, **columns
         )
+
+    @property
+    def inputs(self) -> Source:
+        """The inputs that all rows have in common, and the data with some of them moved."""
+        return OfArrays(self.contact, self.name) if self.source is None else self.source
+
+    def uncertain_inputs(self, stated: Mapping[str, Any]) -> list[Input]:
+        """Inputs with a standard uncertainty: of the source, and of `stated`, which wins."""
+        source = self.inputs
+        known = {entry.name: entry for entry in source.stated}
+        for name, size in stated.items():
+            value = source.value(name)
+            known[name] = Input(name, value, standard_uncertainty(name, size, value))
+        return list(known.values())
+
+    def moved(self, changes: Mapping[str, float]) -> "RestitutionData":
+        """The data with these changes of inputs [SI], read again where they came from a file."""
+        return self.inputs.moved(self, changes)
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from calibration.data.checks import (
 )
 from calibration.data.columns import LABELS, OBSERVED, SI_UNITS, SIZES, UNCERTAINTIES
 from calibration.data.contact_time import ContactTime, of_bodies
+from calibration.data.inputs import corrected
 from calibration.data.kinds import OF_HEIGHTS, Kind
 from calibration.data.layout import MOST_NAMED, Layout, layout_of
 from calibration.data.point_errors import PointErrors, paired
@@ -128,11 +129,12 @@ def read_rows(
     group: Sequence[Any] | None,
     air: Any,
     origin: Origin | None,
-    bounce_contact: ContactTime | None = None,
+    bounce_contact: ContactTime | None,
+    instruments: Mapping[str, float],
 ) -> Rows:
     """The used columns of a table (see `RestitutionData.from_table`), with the bodies of each row.
 
-    `origin`: of a file, whose assumed units are a remark.
+    `origin`: of a file, whose assumed units are a remark. `instruments`: scales and offsets of readings.
     """
     headers = headers_of(table)
     for_all = dict(_heading(*stated) for stated in uncertainties.items())
@@ -165,6 +167,7 @@ def read_rows(
             raise DataError("group", "both a column and an argument", "given once")
         columns["group"] = as_labels("group", group)
     check_lengths(columns)
+    columns = corrected(columns, instruments)
     for name in {*kind.uncertainties[:-1]} & {*columns}:
         if kind.uncertainties[-1] in columns:
             raise DataError(name, f"given with {kind.uncertainties[-1]}", "given once")

@@ -16,11 +16,16 @@ OF_PARAMETERS |= dict.fromkeys(("stiffness", "loading_stiffness", "unloading_sti
 
 
 def measure(
-    si: str, accepted: str = "a positive number", from_zero: bool = False, of_rows: bool = False
+    si: str,
+    accepted: str = "a positive number",
+    from_zero: bool = False,
+    of_rows: bool = False,
+    signed: bool = False,
 ) -> Any:
     """A quantity in a file: a number in SI, or text with its unit ("69 GPa").
 
     `of_rows`: of all rows of a table, in the unit of these: a percentage is accepted, text stays text.
+    `signed`: any finite number is accepted.
     """
     unit = f"{accepted} [{si}]".replace("^3", "³").replace("^2", "²")
 
@@ -36,11 +41,12 @@ def measure(
                     example = "%" if si == "1" else NAMED[si].split()[0]
                     more = f'outside quotation marks, or with a decimal point and its unit, "1.5 {example}"'
                 raise ValueError(f"{unit}, {more}") from None
-        if not is_finite_number(value) or not (value >= 0 if from_zero else value > 0):
+        inside = is_finite_number(value) and (signed or (value >= 0 if from_zero else value > 0))
+        if not inside:
             raise ValueError(unit)
         return stated if of_rows and isinstance(stated, str) else float(value)
 
-    ends = Field(ge=0) if from_zero else Field(gt=0)
+    ends = Field() if signed else Field(ge=0) if from_zero else Field(gt=0)
     text = Field(description=f"in {si}, or text with its unit")
     return PlainValidator(
         checked, json_schema_input_type=Annotated[Annotated[float, ends] | str, text]
@@ -52,6 +58,10 @@ def _parameters(tables: Any) -> dict[str, Parameter]:
     if not isinstance(tables, dict):
         raise ValueError("a table: [parameters] and its keys below")
     parameters, refused = {}, []
+    of_pair = tables.get("contact")
+    if isinstance(of_pair, dict):  # contact.radius = … without quotation marks
+        tables = {name: table for name, table in tables.items() if name != "contact"}
+        tables |= {f"contact.{name}": table for name, table in of_pair.items()}
     for name, table in tables.items():
         try:
             parameters[name] = _parameter(name, table)

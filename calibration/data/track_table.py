@@ -5,7 +5,7 @@ bounces is read, or that which is named. The errors of m impacts of a track are 
 size 1, the rows of the factor L of their covariance (`calibration.data.crossings`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from calibration.data.units import in_si, quantity, unit_of
 from calibration.errors import DataError, Origin, listed
 
 MOST_NAMED = 10  # columns, or objects, that a remark names
+SCALES = ("height_scale", "time_scale")
 IN_METRES = "no unit of the heights, assuming metres"
 
 
@@ -83,15 +84,19 @@ def read_tracks(
     options: TrackOptions,
     contact: ContactTime | None,
     origin: Origin | None,
+    instruments: Mapping[str, float],
 ) -> tuple[Rows, Points]:
     """The rows of a table of tracks, and their impacts (see `RestitutionData.from_table`).
 
     Args:
+        instruments: the scales of heights and times.
         contact: what is stated of the contact's duration; None: Hertz's of the bodies, if these are known.
 
     Raises:
         DataError: with the row to blame where there is one.
     """
+    for name in {*instruments} - {*SCALES}:
+        raise DataError(name, "given", f"left out with a track, which has {listed(SCALES)}")
     of_pair, bodies = pair.of_rows({})
     g = checked_gravity(gravity)
     around, not_corrected = air_of(air, pair.ball, TRACKS, g)
@@ -101,7 +106,7 @@ def read_tracks(
     columns = tracks_of(headers, getattr(table, "titles", ()))
     films = list(_films(table, headers, columns))
     films, remarks = _one_object(films, options.object)
-    read, left_out = _all_read(table, headers, films, stated, setting)
+    read, left_out = _all_read(table, headers, films, stated, setting, instruments)
     several = len(read) > 1
     remarks = [
         *_of_columns(headers, read[0][0].columns, options, columns),
@@ -126,6 +131,7 @@ def _all_read(
     films: Sequence[_Film],
     options: TrackOptions,
     setting: Setting,
+    instruments: Mapping[str, float],
 ) -> tuple[list[tuple[_Film, BounceTrack]], list[str]]:
     """The tracks that have impacts, and sentences on the others; refused where none, or several objects, do."""
     read: list[tuple[_Film, BounceTrack]] = []
@@ -133,7 +139,7 @@ def _all_read(
     for film in films:
         film = _with_height(table, headers, film)
         try:
-            read.append((film, _read(table, headers, film, options, setting)))
+            read.append((film, _read(table, headers, film, options, setting, instruments)))
         except DataError as error:
             refused.append((film, error))
     objects = dict.fromkeys(film.object for film, _ in read)
@@ -227,7 +233,12 @@ def _one_object(films: Sequence[_Film], chosen: str | None) -> tuple[list[_Film]
 
 
 def _read(
-    table: Any, headers: Sequence[str], film: _Film, options: TrackOptions, setting: Setting
+    table: Any,
+    headers: Sequence[str],
+    film: _Film,
+    options: TrackOptions,
+    setting: Setting,
+    instruments: Mapping[str, float],
 ) -> BounceTrack:
     """One track in SI, or pixels."""
     columns = film.columns
@@ -246,6 +257,9 @@ def _read(
         height = height * float(options.scale)
     elif not in_pixels and columns.unit_of_height is not None:
         height = in_si(height, unit_of(columns.unit_of_height, "m"))
+    height, time = (
+        x * instruments.get(name, 1.0) for x, name in zip((height, time), SCALES, strict=True)
+    )
     try:
         return read_track(time, height, setting._replace(in_pixels=in_pixels))
     except DataError as error:

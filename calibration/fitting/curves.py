@@ -92,6 +92,7 @@ def band(
     confidence: float,
     kind: str = "mean",
     observable: str = RESTITUTION,
+    impact: int | None = None,
 ) -> Band:
     """ε(v), or another observable, of one of a result's fits with a confidence band; see `FitResult.band`."""
     labels = tuple(material.free.values())
@@ -110,6 +111,8 @@ def band(
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
         value, slope = curve_and_slopes(material, velocity, route, observable)
         carried = np.maximum(np.einsum("ni,ij,nj->n", slope, covariance, slope), 0.0)
+        if result.budget is not None:
+            carried += result.budget.curve_error(material, velocity, observable, impact) ** 2
         carried[hidden.moves(value, slope, rows)] = np.nan
         degrees = freedom.degrees(labels, slope, carried, block, {})
         reach = quantile(confidence, degrees) * np.sqrt(carried)

@@ -21,6 +21,7 @@ from calibration.data.json_file import plain
 from calibration.data.measurements import BESIDE, LONGEST_NAME
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
+from calibration.fitting.budget import Budget
 from calibration.fitting.laws import LAWS, Tree, law_name
 from calibration.fitting.line import Line
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
@@ -38,7 +39,8 @@ FORMAT = 1
 LARGEST = 24 * MIB
 AS_THEY_ARE = (
     *("unloading_line", "settings", "versions", "warnings", "rank", "condition_number"),
-    *("likelihood", "profiles", "optimiser_report", "pooled", "times"),
+    *("likelihood", "profiles", "optimiser_report", "pooled", "budget", "times"),
+    "of_one_per_cent",
 )
 OWN = "only a fit's own fit.json is accepted"
 
@@ -230,6 +232,7 @@ class ResultFile(Strict):
     warnings: tuple[FitWarning, ...]
     covariance: CovarianceRecord
     covariance_of_predictions: Covariance
+    statistical_covariance: Covariance
     rank: Count
     condition_number: float | None
     likelihood: Likelihood | None
@@ -238,6 +241,8 @@ class ResultFile(Strict):
     profiles: dict[str, Profile]
     optimiser_report: tuple[Stage, ...]
     pooled: dict[str, Estimate]
+    budget: Budget | None
+    of_one_per_cent: dict[str, dict[str, float]] = Field(default_factory=dict)
     request: RequestRecord
     times: dict[str, NotNegative] = Field(default_factory=dict)
 
@@ -277,6 +282,7 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
             "covariance_names": file.covariance.names,
             "covariance": file.covariance.matrix,
             "of_predictions": file.covariance_of_predictions,
+            "statistical_covariance": file.statistical_covariance,
             "freedoms": tuple(entry.freedom() for entry in file.freedom),
         }
     except ValidationError as error:
@@ -317,6 +323,7 @@ def _check(file: ResultFile) -> None:
         ("request.parameters", file.request.parameters, len(file.fits)),
         ("covariance.matrix", file.covariance.matrix, count),
         ("covariance_of_predictions", file.covariance_of_predictions, count),
+        ("statistical_covariance", file.statistical_covariance, count),
         ("freedom.labels", [name for entry in file.freedom for name in entry.labels], count),
     ]
     for i, entry in enumerate(file.freedom):

@@ -160,17 +160,21 @@ class LawModel:
         return replace(self, parameters=known)
 
     def canonical(self, name: str) -> str:
-        """The parameter's full name: that of a contact's leaf may be given without "contact.".
+        """The parameter's name; those of the pair of bodies begin with "contact.".
 
         Raises:
-            ValueError: for a name the law does not have.
+            ValueError: for a name the law does not have, and for one of the pair without "contact.",
+                which may be meant of a body.
         """
-        leaf = name.removeprefix(OF_CONTACT)
-        if name in self.parameters:
+        leaves = [OF_CONTACT + leaf for leaf in CONTACT_LEAVES] if self.takes_contact else []
+        if name in self.parameters or name in leaves:
             return name
-        if self.takes_contact and leaf in CONTACT_LEAVES:
-            return OF_CONTACT + leaf
-        known = [*self.parameters, *(CONTACT_LEAVES if self.takes_contact else ())]
+        if OF_CONTACT + name in leaves:
+            accepted = (
+                f"{OF_CONTACT}{name}, of the pair of bodies, or {name} of a body, stated with it"
+            )
+            raise DataError("parameter", name, accepted)
+        known = [*self.parameters, *leaves]
         known += [extra for extra in EXTRA if self.key == "zhou" and extra not in known]
         accepted = f"of {self.key}: {listed(known)}{did_you_mean(name, known)}"
         raise DataError("parameter", name, accepted)

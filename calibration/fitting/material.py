@@ -30,6 +30,8 @@ class Estimate:
 
     `skewed`: whether the likelihood is so skewed that the curvature's standard error, which the covariance
     has, describes no interval: there is none here then. None: that was not looked at.
+
+    `statistical_error`: the part of `standard_error` that comes from the points; None where all does.
     """
 
     value: float | None
@@ -40,6 +42,7 @@ class Estimate:
     free: bool = False
     at_bound: bool = False
     skewed: bool | None = False
+    statistical_error: float | None = None
 
     def __post_init__(self):
         error = self.standard_error

@@ -5,7 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,10 @@ import softjax as sj
 from calibration.console import progress_of
 from calibration.data import RestitutionData
 from calibration.data.checks import check_whole, checked_confidence
+from calibration.data.inputs import stated_inputs
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
+from calibration.fitting.budget import Budget, budget_of, effects_of_one_per_cent, widened
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
@@ -35,7 +37,7 @@ from calibration.fitting.stages import (
     fitted,
     likelihood_of,
 )
-from calibration.fitting.summary import summarise
+from calibration.fitting.summary import results_at, summarise
 from calibration.fitting.uncertainty import Freedom
 from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning, extrapolation
@@ -46,6 +48,7 @@ from calibration.output import replacing, write_text
 Progress = Callable[..., None]  # called as progress(stage, done, total)
 PACKAGES = ("softjax-contact", "jax", "diffrax", "optax", "optimistix", "numpy", "scipy")
 KINDS = ("mean", "prediction")
+FEW_SETS = 3  # data sets up to which a fit looks at what its exact inputs move
 _version = cache(importlib.metadata.version)
 
 
@@ -72,7 +75,9 @@ class FitResult:
         request: data, parameters and options.
         materials: one `MaterialFit` a data set.
         unloading_line: Eq. (18) through several materials of Zhou's law, or None.
-        covariance_names, covariance: of the free parameters, in physical units.
+        covariance_names, covariance: of the free parameters, in physical units, with the part of
+            uncertain inputs.
+        statistical_covariance: that without it.
         of_predictions: the covariance with 0 along what is undetermined: of what follows from the
             parameters together.
         rank, condition_number: of the weighted Jacobian with columns scaled to one.
@@ -84,6 +89,9 @@ class FitResult:
         pooled: mean and spread of parameters that are pooled, "chi" and "chi_spread"; the spread on
             the scale that is searched, ln θ where θ is positive.
         settings, versions, times: how, with what, how long [s].
+        budget: what uncertain inputs add; None where none is stated.
+        of_one_per_cent: where none is stated, by name of an input, the changes of results [%] where it is
+            1 % larger, to first order; of up to `FEW_SETS` data sets.
         fits: the searches themselves; None in a result that was loaded.
     """
 
@@ -105,6 +113,13 @@ class FitResult:
     times: dict[str, float] = field(default_factory=dict)
     pooled: dict[str, Estimate] = field(default_factory=dict)
     fits: tuple[ComponentFit, ...] | None = field(default=None, repr=False)
+    budget: Budget | None = None
+    statistical_covariance: np.ndarray = None  # type: ignore[assignment]  # filled in
+    of_one_per_cent: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self):
+        if self.statistical_covariance is None:
+            object.__setattr__(self, "statistical_covariance", self.covariance)
 
     @property
     def confidence(self) -> float:
@@ -124,6 +139,15 @@ class FitResult:
         return {
             label: np.nan if e.free and e.standard_error is None else e.standard_error
             for label, e in self.estimates.items()
+        }
+
+    @property
+    def statistical_errors(self) -> dict[str, float | None]:
+        """Standard errors without what uncertain inputs add."""
+        parts = {label: e.statistical_error for label, e in self.estimates.items()}
+        return {
+            label: size if parts[label] is None else parts[label]
+            for label, size in self.standard_errors.items()
         }
 
     @property
@@ -248,7 +272,7 @@ class FitResult:
 
             return band_of_draws(draws, material, velocity, level, kind)
         with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the end of floats
-            return band(self, material, velocity, level, kind, observable)
+            return band(self, material, velocity, level, kind, observable, impact)
 
     def degrees_of_freedom(self, label: str) -> float | None:
         """Degrees of freedom of the noise in a free parameter's standard error; None if the noise is stated."""
@@ -455,6 +479,7 @@ def fit(
     law: str | type | Callable[..., sj.ContactLaw] | None = None,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
+    inputs: Mapping[str, Any] | None = None,
     progress: Progress | bool | None = None,
     **options: Any,
 ) -> FitResult:
@@ -471,6 +496,10 @@ def fit(
             option such as {"form": "full"}; or a list of such mappings, one a data set. Those of
             the contact are "contact.yield_strength" and so on. All of a law's own are free, except
             what ε does not determine.
+        inputs: standard uncertainties of numbers that all points have in common, {"youngs_modulus":
+            5e9, "wall.yield_strength": "10 %"}, in SI or as text, for one set {name: {...}}, in addition
+            to those that a file states: see `calibration.data.inputs`. They enter standard errors,
+            intervals and bands (`FitResult.budget`), not the likelihood.
         progress: True shows it, a bar on a terminal and else a line a stage; or a function that is
             called as progress(stage, done, total).
         OPTIONS
@@ -500,7 +529,7 @@ def fit(
             accepted = "True, or called as progress(stage, done, total)"
             raise DataError("progress", shown, accepted)
         request = Request(datasets_of(data), parameters, options_of_fit)
-        result = _fitted(request, shown or (lambda *_: None))
+        result = _fitted(request, inputs, shown or (lambda *_: None))
     result.times["total"] = time.perf_counter() - begun
     return result
 
@@ -519,8 +548,11 @@ def _of_file(path: str | Path, law: Any, parameters: Any, options: dict[str, Any
     return data, law, file.parameters if parameters is None else parameters, settings
 
 
-def _fitted(request: Request, tell: Progress) -> FitResult:
+def _fitted(request: Request, stated: Mapping[str, Any] | None, tell: Progress) -> FitResult:
     options, begun = request.options, time.perf_counter()
+    names = [data.name for data in request.datasets]
+    pairs = zip(request.datasets, stated_inputs(stated, names), strict=True)
+    inputs = [data.uncertain_inputs(own) for data, own in pairs]
     fits = fitted(request, lambda done, count: tell("fit", done, count))
     line = fit_line(request, fits)
     seconds = time.perf_counter() - begun
@@ -548,7 +580,7 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
     found_warnings.sort(key=lambda warning: warning.rank)
     condition = max(float(fit.uncertainty.condition_number) for fit in fits)
     names, covariance, of_predictions = _covariances(fits)
-    return FitResult(
+    result = FitResult(
         request=request,
         materials=ordered,
         unloading_line=None if line is None else line[0],
@@ -567,6 +599,43 @@ def _fitted(request: Request, tell: Progress) -> FitResult:
         times={"searches": seconds},
         pooled=pooled,
         fits=tuple(fits),
+    )
+    if not all(fit.is_likelihood for fit in fits):
+        return result
+    results = partial(results_at, len(ordered))
+    if not any(inputs):
+        if len(ordered) > FEW_SETS:
+            return result
+        return replace(result, of_one_per_cent=effects_of_one_per_cent(request, fits, results))
+    tell("inputs", 0, 1)
+    curvature = dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    budget = budget_of(request, fits, inputs, result.estimates, curvature, results)
+    return result if budget is None else _widened(result, budget)
+
+
+def _widened(result: FitResult, budget: Budget) -> FitResult:
+    """The result with what uncertain inputs add to its errors and intervals."""
+
+    def of(estimates: Mapping[str, Estimate], labels: Mapping[str, str]) -> dict[str, Estimate]:
+        return {
+            name: widened(estimate, budget, labels.get(name, name), result.confidence)
+            for name, estimate in estimates.items()
+        }
+
+    alone = len(result.materials) == 1
+    materials = []
+    for material in result.materials:
+        derived = {n: n if alone else f"{n}[{material.name}]" for n in material.derived}
+        parameters = of(material.parameters, material.labels)
+        derived_too = of(material.derived, derived)
+        materials.append(replace(material, parameters=parameters, derived=derived_too))
+    return replace(
+        result,
+        materials=tuple(materials),
+        pooled=of(result.pooled, {}),
+        covariance=result.covariance + budget.covariance(result.covariance_names),
+        statistical_covariance=result.covariance,
+        budget=budget,
     )
 
 

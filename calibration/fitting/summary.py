@@ -11,7 +11,7 @@ from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.noise import StudentT
-from calibration.fitting.problem import DRAG
+from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.profiles import Profile, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted, run_stage
@@ -277,6 +277,30 @@ def derived_of(fit: ComponentFit, g: int, confidence: float) -> dict[str, Estima
         if np.isinf(_determined_between(fit, g)[1]):
             derived["chi"] = _carried(fit, g, chi_of, confidence, np.inf)
     return derived
+
+
+def results_at(sets: int, fit: ComponentFit, problem: Problem, z: np.ndarray) -> dict[str, float]:
+    """Values of a component's free parameters and of what is derived, by their names in results.
+
+    Args:
+        sets: how many data sets all components have.
+        problem: of the component, of these data or of others.
+        z: of all elements.
+    """
+    theta = problem.transform.physical(z)
+    results = {e.label: float(x) for e, x in zip(fit.component.elements, theta, strict=True)}
+    for g, spec in enumerate(fit.component.specs):
+        if spec.model.law_type is not sj.Zhou:
+            continue
+        law: Any = problem.law_of(theta, g)
+        derived = {"critical_velocity": float(np.max(np.asarray(law.contact.critical_velocity)))}
+        if not (spec.by_eps_up or several_yields(spec.data.contact)):
+            derived["eps_up"] = float(eps_up_of(law))
+        if "chi" not in spec.model.parameters:
+            derived["chi"] = chi_of(law)
+        owner = "" if sets == 1 else f"[{spec.data.name}]"
+        results |= {f"{name}{owner}": value for name, value in derived.items()}
+    return results
 
 
 def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most: float) -> Estimate:

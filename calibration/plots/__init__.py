@@ -1,5 +1,6 @@
 """Pictures of fits. matplotlib is imported here and nowhere above; no pyplot, no global state."""
 
+from calibration.plots.budget import budget_figure
 from calibration.plots.curves import (
     comparison_figure,
     curves_figure,
@@ -19,6 +20,7 @@ from calibration.plots.tracks import track_figure
 
 __all__ = [
     "Line",
+    "budget_figure",
     "comparison_figure",
     "correlation_figure",
     "curves_figure",

@@ -14,6 +14,7 @@ PICTURES = {
     "observables.png": "What else was measured, fitted curves with their bands, and residuals below",
     "profiles.png": "Profile likelihoods: the rise of χ² when one parameter is fixed elsewhere",
     "correlation.png": "Correlations of the fitted parameters",
+    "budget.png": "What uncertain inputs and the scatter of the points contribute",
     "posterior.png": "Draws from the posterior, and the fit with its intervals",
     "track.png": "Tracks: frames, fitted flights, and impacts with their ε",
 }
@@ -47,6 +48,7 @@ def write_report(
         lambda: plots.observables_figure(result),
         lambda: plots.profiles_figure(result),
         lambda: plots.correlation_figure(result),
+        lambda: plots.budget_figure(result),
         lambda: None if draws is None else plots.posterior_figure(draws, result),
         lambda: plots.track_figure(*_tracks(result)),
     ]

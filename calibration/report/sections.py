@@ -12,6 +12,7 @@ from calibration.fitting.request import stated_parameters
 from calibration.fitting.warnings import NO_INTERVAL_HOLDS, FitWarning
 from calibration.options import VALUES_ALONE
 from calibration.parameters import Parameter
+from calibration.report.budget import budget_blocks
 from calibration.report.layout import Block, Item
 from calibration.report.tables import (
     Printed,
@@ -31,6 +32,7 @@ from calibration.report.tables import (
     range_text,
     warning_items,
     whose,
+    yielding_notes,
 )
 from calibration.rounding import interval, number, with_error
 
@@ -77,9 +79,19 @@ class Section(NamedTuple):
 
 
 # what each reader shows, in this order; a page has everything
-TERMINAL = ("lead", "warnings", "notes", "parameters", "quality", "outliers", "line", "posterior")
+TERMINAL = (
+    "lead",
+    "warnings",
+    "notes",
+    "parameters",
+    "budget",
+    "quality",
+    "outliers",
+    "line",
+    "posterior",
+)
 VERBOSE = ("stated", "meanings", "intervals", "groups", "data", "bodies", "computed", "about")
-PRINTED = ("lead", "warnings", "parameters", "quality", "outliers", "line")
+PRINTED = ("lead", "warnings", "parameters", "budget", "quality", "outliers", "line")
 NOTEBOOK = ("lead", "warnings", "parameters", "quality", "outliers")
 
 
@@ -102,7 +114,7 @@ def sections(
     """
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
     notes = [(note, fit.name) for fit in result.materials for note in fit.data.notes]
-    notes += _unscattered(result)
+    notes += [*_unscattered(result), *yielding_notes(result)]
     methods = [f"{name}: {text}" for name, text in interval_methods(result).items()]
     estimated = [e for fit in result.materials for e in fit.parameters.values()]
     methods += [NOT_JUDGED] if methods and any(e.skewed is None for e in estimated) else []
@@ -128,6 +140,7 @@ def sections(
                 *([Block("text", VALUES)] if is_two_step else []),
             ],
         ),
+        Section("budget", "Uncertainty budget", budget_blocks(result, brief)),
         Section("meanings", "", _optional("list", meanings(result))),
         Section(
             "stated",

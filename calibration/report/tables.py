@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 
 from calibration import symbols
+from calibration.data.bodies import yielding
+from calibration.fitting.laws import OF_CONTACT
 from calibration.fitting.material import Estimate
 from calibration.fitting.warnings import FIRST, NO_INTERVAL_HOLDS
 from calibration.observables import OBSERVABLES, RESTITUTION
@@ -121,9 +123,11 @@ def parameter_table(
     for owner, name, symbol, label, estimate in _estimates(result, printed):
         row = {
             "material": "" if owner == before else owner,
-            "parameter": symbol.label,
+            "parameter": symbol.label + _of_yielding(result, owner, name),
             "value ± std. error": estimate_text(estimate),
         }
+        if result.budget is not None:
+            row |= _error_parts(result, label, estimate)
         if with_intervals:
             row[f"{100 * result.confidence:g} % interval"] = ends = interval_text(estimate)
             dof = result.degrees_of_freedom(label)
@@ -144,6 +148,44 @@ def parameter_table(
             before = fit.name
     table = pd.DataFrame(rows).fillna("")
     return table.drop(columns=["material"] * (brief and len(result.materials) == 1))
+
+
+BY_YIELD = ("yield_factor", "critical_velocity")  # parameters that mean nothing without Y
+
+
+def _of_yielding(result: Any, owner: str, name: str) -> str:
+    """ " (Y = 350 MPa, wall)": the yield strength behind a parameter, and whose it is."""
+    fit = next((fit for fit in result.materials if fit.name == owner), None)
+    if fit is None or name not in BY_YIELD or f"{OF_CONTACT}yield_strength" in fit.free:
+        return ""
+    known = yielding(fit.data.bodies)
+    return "" if known is None else f" (Y = {megapascals(known)}, {known.name})"
+
+
+def yielding_notes(result: Any) -> list[tuple[str, str]]:
+    """Sets of which the second body yields before the first, whose yield strength then has no effect."""
+    notes = []
+    for fit in result.materials:
+        known, names = yielding(fit.data.bodies), {**fit.parameters, **fit.derived}
+        if known is None or known is fit.data.bodies[0] or not {*BY_YIELD} & {*names}:
+            continue
+        first = fit.data.bodies[0]
+        text = f"the {known.name} yields first, at Y = {megapascals(known)}: Y of the {first.name}"
+        notes.append((f"{text}, {megapascals(first)}, has no effect", fit.name))
+    return notes
+
+
+def megapascals(body: Any) -> str:
+    """The yield strength of a body."""
+    return f"{number(body.material.yield_strength / 1e6, 4)} MPa"
+
+
+def _error_parts(result: Any, label: str, estimate: Estimate) -> dict[str, str]:
+    """Standard errors of the points and of uncertain inputs, in the digits of the combined one."""
+    size = result.budget.input_error(label)
+    both = estimate.statistical_error, size if estimate.printed_error is not None else None
+    texts = (ABSENT if part is None else number(part, 2) for part in both)
+    return dict(zip(("statistical", "from inputs"), texts, strict=True))
 
 
 def has_intervals(result: Any) -> bool:

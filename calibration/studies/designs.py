@@ -136,17 +136,22 @@ class Criterion:
     Attributes:
         aim: a, (p,); None for D: the geometric mean of the variances, correlations counted.
         before: A₀, (p, p).
+        of_inputs: covariance of ln θ of uncertain inputs, which no shot makes smaller, for D; None: none.
+        by_inputs: standard deviation of the target by these, relative.
     """
 
     aim: Float[np.ndarray, " p"] | None
     before: Matrices
+    of_inputs: Matrices | None = None
+    by_inputs: float = 0.0
 
     def value(self, information: Matrices) -> Any:
         """Its logarithm, of (..., p, p)."""
-        covariance = covariance_of(information)
         if self.aim is None:
+            covariance = covariance_of(information, self.of_inputs)
             return np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
-        return np.log(np.einsum("i,...ij,j->...", self.aim, covariance, self.aim))
+        variance = np.einsum("i,...ij,j->...", self.aim, covariance_of(information), self.aim)
+        return np.log(variance + self.by_inputs**2)
 
     def size(self, information: Matrices) -> float:
         """The criterion as a standard error."""
@@ -242,6 +247,11 @@ class Search:
                 step = 10 ** (math.floor(math.log10(least)) - 1)
                 best = f"{step * math.ceil(least / step):.2g} % or more, the best that"
                 accepted = f"{best} {len(places)} shots {ends} bring"
+                if self.rule.by_inputs > precision:
+                    part = 100 * self.rule.by_inputs
+                    accepted += (
+                        f"; uncertain inputs alone leave {part:.2g} %, state them more exactly"
+                    )
             raise DataError("precision", f"{100 * precision:.4g} %", accepted)
         too_few, enough = 0, len(places)
         found = self.best(enough, places)
@@ -331,12 +341,14 @@ def optimal_velocities(
         target = _target_of(target, plan)
         aims: dict[str, np.ndarray] = plan.aims
         aims[target] = _gradient_of(target, plan)
-        rule = Criterion(aims[target] if criterion == "c" else None, plan.before)
+        aim = aims[target] if criterion == "c" else None
+        by_inputs = plan.by_inputs | {target: _by_inputs(target, plan)}
+        rule = Criterion(aim, plan.before, plan.of_inputs, by_inputs[target])
         search = Search(plan, rule, _grid(plan, low, high), starts, seed, progress)
         shots = search.best(count) if count is not None else search.fewest(precision)  # type: ignore[arg-type]
         even = np.linspace(low, high, len(shots))
         each = search.added(shots), plan.before, search.added(even)
-        after, before, even_errors = (errors_of(information, aims) for information in each)
+        after, before, even_errors = (errors_of(matrix, aims, by_inputs) for matrix in each)
         sizes = [rule.size(information) for information in each]
         reached, now, by_even = (size if size <= NO_BOUND else None for size in sizes)
         is_known = bool(np.any(plan.before))
@@ -412,6 +424,19 @@ def _gradient_of(target: str, plan: Plan) -> Float[np.ndarray, " p"]:
         accepted = f"one of {listed(plan.names)}: these are free and none of them affects it"
         raise DataError("target", target, accepted)
     return gradient
+
+
+def _by_inputs(target: str, plan: Plan) -> float:
+    """Relative standard deviation of a target by uncertain inputs of the fit."""
+    budget = plan.result and plan.result.budget
+    if not budget:
+        return 0.0
+    if (velocity := _velocity_of(target)) is not None:
+        at = np.array([velocity])
+        return float((budget.curve_error(plan.material, at) / plan.slopes(at)[0])[0])
+    label = target if target in budget.values else f"{target}[{plan.material.name}]"
+    value = budget.values.get(label)
+    return budget.input_error(label) / abs(value) if value else 0.0
 
 
 def _grid(plan: Plan, low: float, high: float) -> Column:

@@ -8,7 +8,7 @@ a height, a pair of velocities, a bounce, an ε with its own uncertainty); see `
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -58,6 +58,7 @@ class Plan:
         uncertainty: standard uncertainty of a planned ε; None: as the fit's data have it.
         route: from the law to ε.
         result: the fit whose law it is; None without.
+        of_inputs: covariance of ln θ of the fit's uncertain inputs, which no shot makes smaller.
     """
 
     material: MaterialFit
@@ -65,6 +66,7 @@ class Plan:
     uncertainty: Any
     route: Route
     result: FitResult | None = None
+    of_inputs: Matrices | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -85,6 +87,11 @@ class Plan:
         """χ̃, or χ̃[name] where there are several data sets."""
         pairs, model = self.material.free.items(), self.material.model
         return tuple(symbol(n, model).text + label.removeprefix(n) for n, label in pairs)
+
+    @property
+    def by_inputs(self) -> dict[str, float]:
+        """The part of uncertain inputs in each parameter, relative."""
+        return relative_parts(self.names, self.of_inputs)
 
     @property
     def aims(self) -> dict[str, Float[np.ndarray, " p"]]:
@@ -270,20 +277,41 @@ def _of_fit(result: FitResult, name: str | None, reach: Column, route: Route) ->
     noise = None if RESTITUTION in material.measured else USUAL_NOISE
     plan = Plan(replace(material, labels=labels), np.zeros((0, 0)), noise, route, result=result)
     rows = [places[label] for label in plan.names]
-    covariance = result.covariance[np.ix_(rows, rows)] / np.outer(plan.unit, plan.unit)
-    return replace(plan, before=np.linalg.inv(covariance))
+    scale = np.outer(plan.unit, plan.unit)
+    covariance = result.statistical_covariance[np.ix_(rows, rows)] / scale
+    budget = result.budget
+    of_inputs = None if budget is None else budget.covariance(plan.names) / scale
+    return replace(plan, before=np.linalg.inv(covariance), of_inputs=of_inputs)
 
 
-def covariance_of(information: Matrices) -> Matrices:
-    """Covariance of ln θ; a negligible prior keeps it finite where the data determine nothing."""
-    return np.linalg.inv(information + ALMOST_NOTHING * np.eye(information.shape[-1]))
+def covariance_of(information: Matrices, of_inputs: Matrices | None = None) -> Matrices:
+    """Covariance of ln θ; a negligible prior keeps it finite where the data determine nothing.
+
+    `of_inputs`: the part of uncertain inputs, which no shot makes smaller.
+    """
+    of_points = np.linalg.inv(information + ALMOST_NOTHING * np.eye(information.shape[-1]))
+    return of_points if of_inputs is None else of_points + of_inputs
 
 
-def errors_of(information: Matrices, aims: Mapping[str, np.ndarray]) -> Errors:
-    """Standard errors of aim · ln θ; None: not determined."""
-    covariance = covariance_of(information)
-    errors = {name: float(np.sqrt(aim @ covariance @ aim)) for name, aim in aims.items()}
+def errors_of(
+    information: Matrices,
+    aims: Mapping[str, np.ndarray],
+    by_inputs: Mapping[str, float] | None = None,
+) -> Errors:
+    """Standard errors of aim · ln θ, with the parts of uncertain inputs by name; None: not determined."""
+    covariance, parts = covariance_of(information), by_inputs or {}
+    errors = {
+        name: float(np.hypot(np.sqrt(aim @ covariance @ aim), parts.get(name, 0.0)))
+        for name, aim in aims.items()
+    }
     return {name: error if error <= NO_BOUND else None for name, error in errors.items()}
+
+
+def relative_parts(names: Sequence[str], of_inputs: Matrices | None) -> dict[str, float]:
+    """Standard deviations of ln θ by uncertain inputs; empty without."""
+    if of_inputs is None:
+        return {}
+    return dict(zip(names, np.sqrt(np.diag(of_inputs)).tolist(), strict=True))
 
 
 def lowest_shot(material: MaterialFit, low: float, high: float) -> float:
@@ -342,22 +370,30 @@ class Information(Planned):
     Attributes:
         truth: θ.
         matrix: Fisher's information on ln θ, (p, p), what was known before included.
+        of_inputs: covariance of ln θ of uncertain inputs, which impacts make no smaller; None: none.
     """
 
     truth: Float[np.ndarray, " p"]
     matrix: Float[np.ndarray, "p p"]
+    of_inputs: Float[np.ndarray, "p p"] | None = None
 
     @property
     def covariance(self) -> Float[np.ndarray, "p p"]:
         """Covariance of ln θ; NaN for what is not determined."""
-        covariance = covariance_of(self.matrix)
+        covariance = covariance_of(self.matrix, self.of_inputs)
         is_open = np.diag(covariance) > NO_BOUND**2
         return np.where(is_open | is_open[:, None], np.nan, covariance)
 
     @property
     def relative_errors(self) -> Errors:
         """Expected standard error of ln θ; None where the impacts do not determine θ."""
-        return errors_of(self.matrix, dict(zip(self.names, np.eye(len(self.names)), strict=True)))
+        aims = dict(zip(self.names, np.eye(len(self.names)), strict=True))
+        return errors_of(self.matrix, aims, self.by_inputs)
+
+    @property
+    def by_inputs(self) -> dict[str, float]:
+        """The part of uncertain inputs in each parameter, relative."""
+        return relative_parts(self.names, self.of_inputs)
 
     @property
     def standard_errors(self) -> Errors:
@@ -447,6 +483,7 @@ def fisher_information(
         velocity=v,
         uncertainty=error,
         matrix=matrix,
-        before=errors_of(plan.before, plan.aims) if np.any(plan.before) else None,
+        of_inputs=plan.of_inputs,
+        before=errors_of(plan.before, plan.aims, plan.by_inputs) if np.any(plan.before) else None,
         taken_as_known=plan.taken_as_known,
     )

@@ -60,12 +60,12 @@ def test_bars_stand_at_three_velocities(ends, bars, at):
 
 def test_parameters_are_freed_and_fixed_as_requested(at):
     options = ("nylon", "--study", "information", "--from", "0.2")
-    known = saved(*options, "--free", "yield_strength=4e5", "--fix", "psi")["information"]
+    known = saved(*options, "--free", "contact.yield_strength=4e5", "--fix", "psi")["information"]
     assert set(known["standard_errors"]) == {"chi", "sigma", "contact.yield_strength"}
     assert known["standard_errors"]["contact.yield_strength"] < 4e5
     np.testing.assert_allclose(np.diff(known["velocity"], 2), 0, atol=1e-12)
     assert (known["velocity"][0], len(known["velocity"])) == (0.2, 30)
-    open_ = saved(*options, "--free", "yield_strength", "--fix", "psi")["information"]
+    open_ = saved(*options, "--free", "contact.yield_strength", "--fix", "psi")["information"]
     assert open_["standard_errors"]["contact.yield_strength"] > 4e5
 
 

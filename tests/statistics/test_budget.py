@@ -1,0 +1,178 @@
+"""The uncertainty budget: inputs that are moved, and what they add to errors, intervals and bands."""
+
+import numpy as np
+import pytest
+
+import calibration as cal
+import softjax as sj
+
+PAIR = sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, 0.0127, 0.0127)
+VELOCITY = np.geomspace(0.2, 5, 16)
+EXAMPLE = """
+[[material]]
+name = "ball"
+youngs_modulus = "71 ± 1.5 GPa"
+poisson_ratio = 0.33
+density = 2700
+yield_strength = "280(15) MPa"
+diameter = "25 mm"
+air = false
+uncertainty = 0.004
+height_offset = "0 ± 0.8 mm"
+data = "drops.csv"
+[material.wall]
+material = "stainless steel"
+youngs_modulus_uncertainty = "2 %"
+"""
+
+
+@pytest.fixture(scope="module")
+def impacts():
+    """Thornton's law with p_y = 2.1 Y, and noise."""
+    exact = np.asarray(sj.restitution(sj.Thornton(PAIR, 2.1), VELOCITY).coefficient)
+    noise = 0.006 * np.random.default_rng(5).standard_normal(len(VELOCITY))
+    return cal.RestitutionData(VELOCITY, exact + noise, contact=PAIR, uncertainty=0.006)
+
+
+def drops(folder, heights, text=EXAMPLE):
+    rebounds = 0.8 * heights**0.93
+    rows = [f"{h:.6f},{r:.6f}" for h, r in zip(heights, rebounds, strict=True)]
+    table = "\n".join(["drop_height [m],rebound_height [m]", *rows])
+    (folder / "drops.csv").write_text(table, encoding="utf-8")
+    (folder / "m.toml").write_text(text, encoding="utf-8")
+    return cal.read_toml(folder / "m.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "size"),
+    [
+        ("115 ± 5 GPa", 115e9, 5e9),
+        ("115 GPa +/- 4 %", 115e9, 4.6e9),
+        ("115(5) GPa", 115e9, 5e9),
+        ("115.20(12) GPa", 115.2e9, 0.12e9),
+        ("115.20(1.5) GPa", 115.2e9, 1.5e9),
+        ("1.15(5)e11 Pa", 1.15e11, 0.05e11),
+        ("1.15e11 ± 5e9", 1.15e11, 5e9),
+    ],
+)
+def test_a_text_states_a_value_and_its_standard_uncertainty(tmp_path, text, value, size):
+    (data,) = drops(tmp_path, np.array([0.1, 0.2]), EXAMPLE.replace("71 ± 1.5 GPa", text))
+    first = data.inputs.stated[0]
+    assert first.name == "youngs_modulus"
+    np.testing.assert_allclose([first.value, first.uncertainty], [value, size], rtol=1e-12)
+
+
+def test_yield_pressure_moves_as_one_over_the_yield_strength(impacts):
+    """ε tells p_y alone: p_y/Y is θ/1.05 and θ/0.95 with Y moved by 5 %."""
+    result = cal.fit(impacts, "thornton", inputs={"contact.yield_strength": "5 %"})
+    theta, part = result.values["yield_factor"], result.budget.inputs[0]
+    up, down = theta / 1.05 - theta, theta / 0.95 - theta
+    np.testing.assert_allclose(
+        [part.up["yield_factor"], part.down["yield_factor"]], [up, down], 1e-6
+    )
+    size = 0.5 * (down - up)
+    alone = cal.fit(impacts, "thornton")
+    u = alone.standard_errors["yield_factor"]
+    assert result.standard_errors["yield_factor"] == pytest.approx(np.hypot(u, size), 1e-6)
+    assert result.statistical_errors["yield_factor"] == pytest.approx(u, 1e-9)
+    (low, high), (low_0, high_0) = (r.intervals["yield_factor"] for r in (result, alone))
+    assert low == pytest.approx(theta - np.hypot(theta - low_0, 1.959964 * up), 1e-6)
+    assert high == pytest.approx(theta + np.hypot(high_0 - theta, 1.959964 * down), 1e-6)
+    assert result.covariance[0, 0] == pytest.approx(u**2 + size**2, 1e-6)
+    assert result.log_likelihood == alone.log_likelihood
+    # the curve follows the points, wherever Y is
+    np.testing.assert_allclose(*(r.band(VELOCITY).standard_error for r in (result, alone)), 1e-5)
+
+
+def test_the_budget_is_that_of_free_inputs_with_priors(impacts):
+    E, Y = float(PAIR.youngs_modulus), float(PAIR.yield_strength)
+    by_moves = cal.fit(
+        impacts,
+        "thornton",
+        inputs={"contact.youngs_modulus": "2 %", "contact.yield_strength": "3 %"},
+    )
+    priors = {
+        "contact.youngs_modulus": cal.Parameter(E, prior=(E, 0.02 * E)),
+        "contact.yield_strength": cal.Parameter(Y, prior=(Y, 0.03 * Y)),
+    }
+    exact = cal.fit(impacts, "thornton", priors)
+    sizes = [r.standard_errors["yield_factor"] for r in (by_moves, exact)]
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.01)
+    assert by_moves.statistical_errors["yield_factor"] < 0.3 * sizes[0]
+    shares = by_moves.budget.shares("yield_factor")
+    assert next(iter(shares)) == "contact.yield_strength"
+    assert sum(shares.values()) == pytest.approx(1)
+
+
+def test_a_scale_of_velocities_moves_a_dissipation_time_as_a_power(impacts):
+    """ε of the viscoelastic sphere is a function of A v^(1/5): v larger by 1 % is A smaller by 0.2 %."""
+    exact = np.asarray(sj.restitution(sj.ViscoelasticHertz(PAIR, 4e-6), VELOCITY).coefficient)
+    data = cal.RestitutionData(VELOCITY, exact, contact=PAIR, uncertainty=0.005)
+    result = cal.fit(data, "viscoelastic", inputs={"velocity_scale": 0.01})
+    A, part = result.values["dissipation_time"], result.budget.inputs[0]
+    changes = [part.up["dissipation_time"], part.down["dissipation_time"]]
+    np.testing.assert_allclose(changes, [A * (1.01**-0.2 - 1), A * (0.99**-0.2 - 1)], rtol=1e-4)
+
+
+def test_a_zero_of_heights_is_a_refit_of_shifted_heights(tmp_path):
+    heights = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.5])
+    (data,) = drops(tmp_path, heights)
+    result = cal.fit(data, "constant")
+    h, r = heights, 0.8 * heights**0.93
+    part = next(p for p in result.budget.inputs if p.name == "height_offset")
+    here = np.mean(np.sqrt(r / h))
+    changes = [np.mean(np.sqrt((r + s) / (h + s))) - here for s in (8e-4, -8e-4)]
+    np.testing.assert_allclose([part.up["restitution"], part.down["restitution"]], changes, 1e-4)
+    assert {p.name for p in result.budget.inputs} == {
+        "youngs_modulus",
+        "yield_strength",
+        "height_offset",
+        "wall.youngs_modulus",
+    }
+
+
+def test_bodies_of_one_steel_move_together(tmp_path):
+    """E* of two bodies of one E: 1/E* moves twice as far, not √2 times."""
+    heights = np.array([0.05, 0.1, 0.2, 0.4, 0.8, 1.5])
+    own = EXAMPLE.replace('material = "stainless steel"\nyoungs_modulus_uncertainty = "2 %"', "{}")
+    plate = 'youngs_modulus = "71 ± 1.5 GPa"\npoisson_ratio = 0.33\ndensity = 2700\nyield_strength = 28e7\n'
+    sizes = []
+    for text, count in ((plate, 2), (plate + "correlated = true", 1), ('material = "ball"', 1)):
+        (data,) = drops(tmp_path, heights, own.format(text))
+        result = cal.fit(data, "thornton")
+        parts = [p for p in result.budget.inputs if p.name.endswith("youngs_modulus")]
+        assert len(parts) == count
+        sizes.append(np.sqrt(sum(p.of("yield_factor") ** 2 for p in parts)))
+    np.testing.assert_allclose(sizes[1:], 2**0.5 * sizes[0], rtol=2e-3)
+
+
+def test_inputs_that_data_do_not_have_are_refused(impacts, tmp_path):
+    for name in ("youngs_modulus", "height_offset", "contact.poisson_ratio"):
+        with pytest.raises(ValueError, match=r"inputs.*contact\."):
+            cal.fit(impacts, "thornton", inputs={name: 1.0})
+    with pytest.raises(ValueError, match="yield_strength_uncertainty"):
+        cal.fit(impacts, "thornton", inputs={"contact.yield_strength": -1.0})
+    with pytest.raises(ValueError, match=r"time_scale.*no time is measured"):
+        drops(
+            tmp_path,
+            np.array([0.1, 0.2]),
+            EXAMPLE.replace('height_offset = "0 ± 0.8 mm"', 'time_scale = "1 ± 0.01"'),
+        )
+    with pytest.raises(ValueError, match=r"m.toml:5.*stated once"):
+        drops(
+            tmp_path,
+            np.array([0.1]),
+            EXAMPLE.replace("poisson", 'youngs_modulus_uncertainty = "1 GPa"\npoisson'),
+        )
+
+
+def test_a_saved_budget_is_read_again(impacts, tmp_path):
+    result = cal.fit(impacts, "thornton", inputs={"contact.mass": "1 %"})
+    result.save(tmp_path / "fit.json")
+    again = cal.FitResult.load(tmp_path / "fit.json")
+    assert again == result
+    assert again.budget == result.budget
+    np.testing.assert_array_equal(*(r.band([0.5, 2.0]).low for r in (again, result)))
+    frame = again.budget.to_frame()
+    assert list(frame["input"]) == ["contact.mass"]
+    assert frame["unit"][0] == "kg"
