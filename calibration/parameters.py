@@ -2,7 +2,8 @@
 
 The one map between the search and physics is θ(z), element by element:
 
-log      θ = lower + eᶻ, or upper - e^{-z} where only the upper end is finite
+log      θ = lower + eᶻ, up to an end where the search has one; or upper - e^{-z} where only the
+         upper end is finite
 logit    θ = lower + (upper - lower)/(1 + e⁻ᶻ)
 none     θ = z, clipped to its bounds
 """
@@ -202,6 +203,13 @@ class Transform(NamedTuple):
     def bound_beyond(self, direction: Vector) -> Vector:
         """The bound that z nears when it goes up (+1) or down (-1); infinite where there is none."""
         return np.where(direction > 0, self.upper, self.lower)
+
+    def highest(self) -> Vector:
+        """The largest z; infinite where the upper bound is not reached, or there is none."""
+        over = np.where(np.isfinite(self.upper), self.upper - self._finite()[0], np.inf)
+        of_log = np.log(np.where(self.kind == LOG, over, 1.0))
+        highest = np.where(self.kind == LOG, of_log, np.inf)
+        return np.where(self.kind == NONE, self.upper, highest)
 
     def part(self, which) -> "Transform":
         return Transform(*(a[which] for a in self))

@@ -392,6 +392,12 @@ class RestitutionData:
 
     __hash__ = None  # type: ignore[assignment]  # arrays inside
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"measured": dict(self.measured)}  # a view of a dict has no copy
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._set(**state | {"measured": MappingProxyType(state["measured"])})
+
     def __repr__(self) -> str:
         known = "stated" if self.uncertainty is not None else "not stated"
         low, high = np.min(self.velocity), np.max(self.velocity)

@@ -247,6 +247,8 @@ class Start(NamedTuple):
     guess: Mapping[str, Any] = {}
     fixed: Mapping[str, Any] = {}  # what ε does not determine, with the value it is fixed at
     ranges: Mapping[str, tuple[float, float]] = {}  # ends of a parameter's range
+    ends: Mapping[str, float] = {}  # where a search upwards ends if no bound is stated
+    reach: Mapping[str, float] = {}  # how far up from its start one may go, in log units
 
 
 @dataclass(frozen=True)
@@ -292,12 +294,17 @@ def _losses(data: RestitutionData) -> dict[str, float]:
     return {"sigma": float(np.exp(np.clip(level, -20, 20))), "psi": psi}
 
 
+# with ε kept at yield σ grows as [(v_lim - v_cr)/v_cr]^ψ, e^(11 ψ) of stainless steel
+LARGEST_PSI = 20.0  # a loss that is e times less 5 % more slowly: no measurement tells more
+OF_LOSSES: dict[str, Any] = {"ends": {"psi": LARGEST_PSI}, "reach": {"sigma": 400.0}}
+
+
 def _of_zhou(data: RestitutionData) -> Start:
     """χ̃ of X = 10, in the middle of what materials have, and Eq. (17)'s coefficients."""
     ratio = _bodies(data)["yield_ratio"]
     up = float(np.clip(np.max(_measured(data)[1]), 0.1, 0.999))
     guess = {"chi": 10 / ratio, "eps_up": up, "c1": 0.0, "c2": 10 / ratio**2, **_losses(data)}
-    return Start(guess, ranges={OF_CONTACT + "limit_velocity": _beyond_fastest(data)})
+    return Start(guess, ranges={OF_CONTACT + "limit_velocity": _beyond_fastest(data)}, **OF_LOSSES)
 
 
 def _of_thornton(data: RestitutionData) -> Start:
@@ -342,7 +349,7 @@ def _of_linear(data: RestitutionData) -> Start:
 
 def _of_eq_17(data: RestitutionData) -> Start:
     limit = {} if data.limit_velocity is None else {"limit_velocity": data.limit_velocity}
-    return Start(_losses(data), limit, {"limit_velocity": _beyond_fastest(data)})
+    return Start(_losses(data), limit, {"limit_velocity": _beyond_fastest(data)}, **OF_LOSSES)
 
 
 def _beyond_fastest(data: RestitutionData) -> tuple[float, float]:

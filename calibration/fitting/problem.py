@@ -27,6 +27,7 @@ from calibration.parameters import NONE, Parameter, Transform
 from softjax.fields import Declared
 
 Z = Float[np.ndarray, "fits elements"]
+FARTHEST = 25.0  # from the start of a search, in log units: beyond, nothing changes any more
 NAMES = tuple(OBSERVABLES)
 DRAG = "air_drag"  # c, what the drag coefficient of flights in air is off by, in parts
 FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
@@ -49,6 +50,8 @@ class Element:
             data: ψ where ε_up is fitted in its place.
         label: what results call it: "chi", or "chi[name]" where there are several data sets.
         sets: the data sets that it belongs to, of those of its component.
+        end: where a search upwards ends if no highest is stated.
+        reach: how far up from its start a search may go, in log units.
     """
 
     name: str
@@ -59,6 +62,8 @@ class Element:
     stands_in: bool = False
     label: str = ""
     sets: tuple[int, ...] = ()
+    end: float = np.inf
+    reach: float = FARTHEST
 
     @property
     def group(self) -> str | None:

@@ -17,7 +17,7 @@ from calibration.fitting.material import Estimate
 from calibration.fitting.methods import condense
 from calibration.fitting.neighbourhoods import condensed
 from calibration.fitting.problem import DRAG, Problem
-from calibration.fitting.search import FARTHEST as FURTHEST
+from calibration.fitting.problem import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.stages import ComponentFit
@@ -107,6 +107,7 @@ class _Walks:
         self.fixed = self.columns[:, None] == np.arange(len(problem.active))
         kind = problem.transform.kind[self.positions]
         self.scaled = kind != NONE
+        self.highest = problem.transform.part(problem.active).highest()
         self.centre = self.z[np.arange(len(walks)), self.positions]
         at_z = problem.linearise(z, lanes, slopes=False).cost
         self.lowest = 2 * at_z[self.of]
@@ -114,6 +115,10 @@ class _Walks:
         # a search that began at an end is farther off: the middle of two bounds is z = 0
         bounded = from_end & (kind == LOGIT)
         reach = np.where(bounded, np.maximum(reach, np.abs(self.centre) + FARTHEST), reach)
+        # σ of e^100 and more follows from a steep ψ: its other limit may be that far off
+        goes_far = np.array([problem.elements[k].reach for k in self.positions]) > FURTHEST
+        back = np.maximum(reach, self.centre + FARTHEST)
+        reach = np.where(goes_far & (self.signs < 0), back, reach)
         self.reach = np.where(self.scaled, reach, 100 * self.steps)
         self.way: list[list[tuple[float, float]]] = [[] for _ in walks]
 
@@ -168,6 +173,7 @@ class _Walks:
         moving = linear.jacobian[rows, :, self.columns[which]]
         begun = np.where(np.isnan(self.begun[which]), z, self.begun[which])
         at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
+        at_an_end |= z[:, self.problem.active] >= self.highest
         answer = condense(moving, linear.jacobian, self.fixed[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
         answer = answer * move[:, None]

@@ -35,7 +35,7 @@ from calibration.fitting.laws import (
     zhou_model,
 )
 from calibration.fitting.noise import JOINT
-from calibration.fitting.problem import DRAG, Element, Points, Problem, pools_of
+from calibration.fitting.problem import DRAG, FARTHEST, Element, Points, Problem, pools_of
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.options import KINDS_OF_LAW, FitOptions, checked_law, route_named
 from calibration.parameters import Parameter, Transform, as_parameter
@@ -323,7 +323,12 @@ def _elements(data, model: LawModel, known: Start, stated: Mapping[str, Paramete
         least, most = known.ranges.get(name, WIDE)
         ends = max(low, least), min(high, most)
         start = _start(data, model, name, parameter, guess, *ends)
-        local.append(Element(name, parameter, declared, start, ends, stands_in))
+        end = known.ends.get(name, np.inf) if parameter.free and np.isinf(high) else np.inf
+        end = max(end, start) if np.isfinite(end) else end
+        reach = known.reach.get(name, FARTHEST)
+        local.append(
+            Element(name, parameter, declared, start, ends, stands_in, end=end, reach=reach)
+        )
     return tuple(local), tuple(trees)
 
 
@@ -537,7 +542,9 @@ def blocks_of(data: RestitutionData) -> Iterator[tuple[Any, str, np.ndarray, np.
 
 
 def transform_of(elements: Sequence[Element]) -> Transform:
-    return Transform.of([e.range for e in elements], [e.parameter.transform for e in elements])
+    asked = [e.parameter.transform for e in elements]
+    transform, ends = Transform.of([e.range for e in elements], asked), [e.end for e in elements]
+    return transform._replace(upper=np.minimum(transform.upper, ends))
 
 
 def points_of(data: Sequence[RestitutionData]) -> tuple[Points, np.ndarray]:

@@ -28,7 +28,7 @@ from calibration.fitting.methods import (
     Numbers,
     condense,
 )
-from calibration.fitting.problem import Lanes, Linear, Problem, acts_on_nothing
+from calibration.fitting.problem import FARTHEST, Lanes, Linear, Problem, acts_on_nothing
 from calibration.parameters import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
@@ -36,7 +36,7 @@ COST_TOLERANCE = 1e-15  # of the decrease it promises, relative to the cost
 ROUNDING = 1e-13  # of a cost: near its minimum steps are judged by the gradient alone
 MOST_LEVEL = 20  # steps in a row that change the cost by no more: the gradient is rounding, too
 LARGEST_STEP = 1.5  # in log units
-FARTHEST = 25.0  # from the start, in log units: beyond, nothing changes any more
+LONG_WAY = 0.1  # the same in parts of where an element is that may go farther than others
 NEARLY = 6.0  # from where on an element that acts on nothing counts as at the end of its range
 FALLS = 1e-9  # share of a cost by which it has to fall for an element to be taken back
 RELEASES = 2  # how often an element is taken back from the end of its range
@@ -93,7 +93,11 @@ class _Search:
         self.reason = np.full(fits, "", dtype=object)
         self.iterations, self.level, self.creeps = np.zeros((3, fits), int)
         self.scaled = problem.transform.kind[problem.active] != NONE
+        reach = np.array([problem.elements[k].reach for k in problem.active])
+        self.lowest, self.highest = self.start - FARTHEST, self.start + reach
+        self.longer = LONG_WAY / LARGEST_STEP * (reach > FARTHEST)
         self.lower, self.upper = self._ends()
+        self.z[:, problem.active] = np.minimum(self.x, self.upper)
         all_fits = np.ones(fits, bool)
         linear = self._at(self.z, all_fits)
         self.value, self.jacobian, self.cost = map(
@@ -103,10 +107,10 @@ class _Search:
         self._condense(all_fits)
 
     def _ends(self) -> list[np.ndarray]:
-        """Lowest and highest of the active elements of each fit."""
+        """Bounds of the active elements of each fit, in z."""
         transform, zeros = self.problem.transform.part(self.problem.active), 0.0 * self.start
         lower = np.where(self.scaled, -np.inf, transform.lower) + zeros
-        return [lower, np.where(self.scaled, np.inf, transform.upper) + zeros]
+        return [lower, transform.highest() + zeros]
 
     @property
     def x(self) -> np.ndarray:
@@ -155,7 +159,8 @@ class _Search:
         the others' arrive.
         """
         ways = np.zeros((len(direction), self.owner.max(initial=0) + 1))
-        np.maximum.at(ways, (slice(None), self.owner), np.abs(direction) / self.unit)
+        unit = np.maximum(self.unit, self.longer * np.abs(self.x))
+        np.maximum.at(ways, (slice(None), self.owner), np.abs(direction) / unit)
         part = np.minimum(1.0, LARGEST_STEP / np.maximum(ways, 1e-300))
         whole = np.max(np.where(ways > 0, part, 0.0), axis=1, keepdims=True)
         share = (part / np.where(whole > 0, whole, 1.0))[:, self.owner]
@@ -215,7 +220,8 @@ class _Search:
         """Hold what is at an end of its range, and see which fits have arrived."""
         outward = -self.at.gradient  # a step goes down the gradient
         ends = (self.x <= self.lower) & (outward < 0) | (self.x >= self.upper) & (outward > 0)
-        at_end = (ends | (self._way > FARTHEST - 1e-9)) & moved[:, None] & ~self._frozen
+        far = (self.x < self.lowest + 1e-9) | (self.x > self.highest - 1e-9)
+        at_end = (ends | self.scaled & far) & moved[:, None] & ~self._frozen
         if np.any(at_end):
             self._hold(at_end)
         self._stop(moved & ~self.at.finite, NO_NUMBERS)
@@ -243,8 +249,9 @@ class _Search:
 
     def _hold(self, which) -> None:
         sign = np.where(self.scaled, np.sign(self.x - self.start), -np.sign(self.at.gradient))
+        sign = np.where(self.x >= self.upper, 1.0, sign)
         self.limits = np.where(which, sign.astype(int), self.limits)
-        inside = np.clip(self.x, self.start - FARTHEST, self.start + FARTHEST)
+        inside = np.clip(self.x, self.lowest, np.minimum(self.highest, self.upper))
         ends = np.where(which & self.scaled, inside, self.x)
         fits = np.any(ends != self.x, axis=1) & self.going
         self.z[:, self.problem.active] = ends

@@ -13,7 +13,7 @@ from scipy import special
 import softjax as sj
 from calibration.fitting.errors import Errors
 from calibration.fitting.jumps import beside_jumps
-from calibration.fitting.laws import OF_CONTACT, SPRINGS
+from calibration.fitting.laws import OF_CONTACT, SPRINGS, sigma_of
 from calibration.fitting.levels import Offsets, offsets_of
 from calibration.fitting.methods import TINY, Condensed, condense
 from calibration.fitting.neighbourhoods import condensed
@@ -121,6 +121,9 @@ AS_LOW = 1e-6  # share of a cost within which two ends may be one minimum
 MOVED = 1e-2  # in z, from which on ends are others to a reader
 ROUNDS = 30
 CLOSER = 2  # rounds in which neighbourhoods are brought to the minimum of all points
+EXPONENTS = (0.4, 1.5, 5.0, 15.0)  # ψ from which a search begins where it may have several minima
+LEAST_LOSS = 0.1  # at yield, of a tenth
+OTHERWISE = 1.5  # factor from which on ψ is another
 RUN_OUT = 5.0  # in z: an element this far from its start may act on nothing any more
 CHANGED = 1e-9  # share of a cost by which another is lower
 OVER_JUMPS = 1e-5  # the same of searches that jumps of the cost stop, which end near these
@@ -239,6 +242,7 @@ def _searched(problem: Problem, z, options: FitOptions, ends: list[Ends] | None)
         ends = _from_starts(few, starts, options.optimiser, options.max_steps)
     if problem.jumps:
         ends = _over_jumps(problem, ends, options)
+    ends = _with_other_exponents(few, ends, options)
     if options.starts >= FEWEST:
         ends, alone = _from_more_starts(few, z, ends, options)
     if few is not problem:
@@ -262,6 +266,60 @@ def _over_jumps(problem: Problem, ends: list[Ends], options: FitOptions) -> list
         if not is_lower:
             break
     return ends
+
+
+def _with_other_exponents(problem: Problem, ends: list[Ends], options: FitOptions) -> list[Ends]:
+    """These and ends of searches from other ψ with the same ε_up, until none is lower.
+
+    The losses below yield may have a minimum where they grow evenly, and one where only the points just
+    below yield show them. Of each ψ a search begins where a linear step would get lower.
+    """
+    for _ in range(ROUNDS):
+        places = _other_exponents(problem, ends[0].z[0])
+        if not len(places):
+            break
+        linear = problem.linearise(np.array(places))
+        at = condense(linear.residual, linear.jacobian)
+        promising = linear.cost - 0.5 * at.promised < ends[0].cost[0] * (1 - AS_LOW)
+        if not np.any(promising & at.finite):
+            break
+        starts = np.array(places)[promising & at.finite]
+        more = _from_starts(problem, starts, QUICKEST, options.max_steps)
+        is_lower = more[0].cost[0] < ends[0].cost[0] * (1 - AS_LOW)
+        ends = _minima(sorted([*ends, *more], key=_rank))
+        if not is_lower:
+            break
+    return ends
+
+
+def _other_exponents(problem: Problem, z: Float[np.ndarray, " elements"]) -> list[np.ndarray]:
+    """Places with another ψ of one data set, or of those that share it, and the same ε_up of each."""
+    places: list[np.ndarray] = []
+    if problem.laws.model.law_type is not sj.Zhou:
+        return places
+    transform, theta = problem.transform, problem.transform.physical(z)
+    for k in (k for k in problem.active if problem.elements[k].name == "psi"):
+        psi, here = problem.elements[k], max(float(theta[k]), TINY)
+        of_sigma = [
+            j
+            for j in problem.active
+            if problem.elements[j].name == "sigma" and {*problem.elements[j].sets} & {*psi.sets}
+        ]
+        for there in EXPONENTS:
+            is_another = max(there / here, here / there) > OTHERWISE
+            if not (is_another and psi.range[0] < there < psi.range[1]):
+                continue
+            other, place = np.array(theta), np.array(z)
+            other[k] = there
+            for j in of_sigma:
+                contact = problem.datasets[problem.elements[j].sets[0]].contact
+                # σ of a loss of a tenth at yield: of none nothing would lead back
+                tenth, now = (np.mean(sigma_of(contact, 0.9, power)) for power in (there, here))
+                other[j] = float(tenth * max(theta[j] / now, LEAST_LOSS))
+            moved = [k, *of_sigma]
+            place[moved] = transform.unconstrained(other)[moved]
+            places.append(place)
+    return places
 
 
 def _tied(problem: Problem, z, options: FitOptions) -> list[Ends]:

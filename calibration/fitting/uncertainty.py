@@ -96,7 +96,7 @@ class Freedom:
             if any(acting):
                 parts[:, acting] += np.reshape(value, (-1, 1)) / sum(acting)
         spread = np.einsum("nc,cd,nd->n", parts, self.relative, parts)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             degrees = np.where(spread > 0, 2 * variance**2 / spread, np.inf)
         return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
 

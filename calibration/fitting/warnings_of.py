@@ -55,6 +55,10 @@ LAW_OR_GROUPS = (
 AT_ONE = (
     "The data show no loss but the plastic one: eps_up cannot exceed 1; its interval is one-sided."
 )
+STEEPEST = (
+    "Of the points that it acts on only the fastest show a loss; its interval is one-sided. State a "
+    "highest value as its bound to have it searched further."
+)
 OF_UNITS = "Check the unit and the bodies; of dents, which diameter was measured (`dent`)."
 Column = Float[np.ndarray, "n"]
 Found = Iterator[tuple[str, str | None] | tuple[str, str | None, str]]  # code, cause, advice
@@ -126,7 +130,7 @@ def _of_element(fit: ComponentFit, k: int, estimate: Estimate) -> Found:
         as_good, slope = "any large value is as good", _slope(fit, k)
         if slope > STILL_FALLS:
             as_good = (
-                f"the search ends at {value:.1g}, where -2 ln L still falls by {slope:.1g} with a factor of "
+                f"the search ends at {value:.1g}, where -2 ln L still falls by {slope:.2g} with a factor of "
                 "e; the other parameters are those of this value"
             )
         yield "at-bound", f"{name} grows without bound: {as_good}"
@@ -134,7 +138,14 @@ def _of_element(fit: ComponentFit, k: int, estimate: Estimate) -> Found:
         # no bound that somebody gave: ε_17 is 1 at most
         advice = AT_ONE if name == "eps_up" and estimate.value == 1 else ""
         advice = _of_drag(fit) if name == DRAG else advice
-        yield "at-bound", f"{name} is at its bound {estimate.value:.4g}", advice
+        cause = f"{name} is at its bound {estimate.value:.4g}"
+        if estimate.value == element.end:
+            cause = (
+                f"{name} is at the end of its range, {element.end:.4g}: -2 ln L would fall by "
+                f"{_slope(fit, k):.2g} with a factor of e on it"
+            )
+            advice = STEEPEST
+        yield "at-bound", cause, advice
     mean, deviation = element.parameter.prior or (0.0, np.inf)
     off = abs(value - mean) / deviation
     if off > FROM_PRIOR:

@@ -1,6 +1,7 @@
 """Fits that are hard: impacts that stick, pairs that yield apart, many minima, a network, starts far off."""
 
 import copy
+import itertools
 import pickle
 from dataclasses import replace
 
@@ -60,6 +61,73 @@ def test_impacts_that_stick_are_of_the_law_s_own_restitution_and_a_fit_finds_its
     result = cal.fit(sticking(0)[0], None, lost, starts=1, profiles=False)
     assert result.converged
     assert result.values["chi"] == pytest.approx(0.6, abs=0.06)
+
+
+# losses below yield of ±0.01: of some sets one point just below yield shows them, and ψ is large
+
+
+def steel(*seeds):
+    made = (twin("stainless steel", None, 0.01, seed, uncertainty=0.01) for seed in seeds)
+    return [replace(data, name=f"s{seed}") for seed, data in zip(seeds, made, strict=True)]
+
+
+def least_chi_squared(sets):
+    """Of a χ̃ of all sets, by SciPy with the loss at yield and ψ <= 20 of each as coordinates; and χ̃."""
+    numbers = fit_oracle.numbers(sets[0].contact)
+    growth = np.log(numbers["v_lim"] / float(sets[0].contact.critical_velocity) - 1)
+
+    def off(x):
+        rows = []
+        for data, (loss, psi) in zip(sets, x[1:].reshape(-1, 2), strict=True):
+            psi = np.exp(psi)
+            made = fit_oracle.curve(
+                data.velocity, numbers, np.exp(x[0]), np.exp(loss + psi * growth), psi
+            )
+            rows.append((made - data.restitution) / 0.01)
+        return np.concatenate(rows)
+
+    ends = []
+    for psis in itertools.product((0.3, 4.0, 12.0), repeat=len(sets)):
+        start = [np.log(1.8), *np.ravel([(np.log(0.01), np.log(psi)) for psi in psis])]
+        high = np.append(5.0, np.tile([0.0, np.log(20)], len(sets)))
+        ends.append(least_squares(off, start, bounds=(-20, high), x_scale=0.3))
+    best = min(ends, key=lambda end: end.cost)
+    return 2 * best.cost, float(np.exp(best.x[0]))
+
+
+@pytest.mark.parametrize("seed", [0, 6, 10, 18])
+def test_losses_just_below_yield_are_searched_to_the_largest_likelihood(seed):
+    """σ of up to e^200, and a minimum at an even growth besides: ln L was lower by up to 0.6, and χ̃ 0.5 σ off."""
+    (data,) = steel(seed)
+    best, chi = least_chi_squared([data])
+    result = cal.fit(data, starts=4, profiles=seed == 6)
+    assert result.converged
+    assert result.rms**2 * 30 / 0.01**2 == pytest.approx(best, abs=1e-4)
+    assert result.values["chi"] == pytest.approx(chi, rel=1e-3)
+    assert result.values["sigma"] > 1e15
+    at_end = [w for w in result.warnings if w.code == "at-bound"]
+    assert len(at_end) == (seed == 18)
+    assert (result.values["psi"] == 20) == (seed == 18)
+    slopes = jax.jacobian(lambda law: sj.restitution(law, data.velocity).coefficient)(result.law)
+    assert np.all(np.isfinite(slopes.psi))
+    assert np.all(np.isfinite(slopes.sigma))
+    np.testing.assert_allclose(
+        curve(result.law, data.velocity),
+        fit_oracle.own_model(data)(*(result.values[name] for name in ("chi", "sigma", "psi"))),
+        rtol=1e-9,
+    )
+
+
+def test_a_shared_parameter_and_a_pool_without_spread_have_that_largest_likelihood():
+    sets = steel(10, 6)
+    best, chi = least_chi_squared(sets)
+    for shared in (True, "pooled"):
+        parameters = {"chi": cal.Parameter(shared=shared)}
+        result = cal.fit(sets, None, parameters, unloading_line=None, **QUICK)
+        found = sum(material.rms**2 * 30 / 0.01**2 for material in result.materials)
+        assert found == pytest.approx(best, abs=1e-3)
+        for label in ("chi[s10]", "chi[s6]"):
+            assert result.values[label] == pytest.approx(chi, rel=1e-3)
 
 
 # pairs that yield at several velocities: each has its own ε_up = ε_17(v_cr), Eqs. (16) and (17)
@@ -204,7 +272,8 @@ def wave(seed, scattered=False, **options):
     data = cal.RestitutionData(velocity, exact + noise, uncertainty=0.01)
     starts = {name: cal.Parameter(x) for name, x in (("a", 0.5), ("b", 0.1), ("w", 2.0))}
     result = cal.fit(data, Wave, starts, profiles=False, **options)
-    warned = "several-minima" in {warning.code for warning in result.warnings}
+    causes = [w.cause for w in result.warnings if w.code == "several-minima"]
+    warned = any("one search alone" in cause for cause in causes)  # not of -w, which is as good
     return float(result.rms**2 * 40 - np.sum(noise**2)) / 1e-4, warned
 
 
@@ -242,8 +311,8 @@ def test_a_network_follows_the_curve_and_its_predictions_have_errors():
     exact = np.sqrt(1 - np.logaddexp(0, lost + np.asarray(second.bias)))
     np.testing.assert_allclose(curve(result.law, data.velocity), exact, rtol=1e-9)
     assert np.sqrt(np.mean((exact - data.restitution) ** 2)) == pytest.approx(result.rms, rel=1e-9)
-    assert "43 numbers of network" in str(result)
-    row = '<td data-name="material">stainless steel</td><td data-name="parameter">network</td>'
+    assert "43 numbers, shown by the band of the curve" in str(result)
+    row = '<td data-name="parameter">network</td>'
     assert row in result._repr_html_()
     assert not result.standard_errors
     band = result.band(data.velocity)
@@ -285,9 +354,9 @@ def test_a_narrow_valley_is_walked_down():
 
 def test_a_second_fit_of_the_same_shapes_compiles_nothing(compiled):
     data = cal.paper_materials(points=39)  # another number of points, padded to the same shape
-    cal.fit(data[0], starts=2)
-    compiled.clear()
     cal.fit(data[1], starts=2)
+    compiled.clear()
+    cal.fit(data[2], starts=2)
     assert compiled == []
 
 

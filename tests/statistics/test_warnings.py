@@ -92,6 +92,33 @@ def ellipse(rise, u=0.01, profiles=False):
     return result
 
 
+class Levelling(sj.HardSphereLaw):
+    """ε = 0.9 - 0.1 x/(1 + x) with x = c v."""
+
+    c: float = sj.number_field("c", "s/m", "rate", within="(0, inf)")
+
+    def restitution_squared(self, velocity):
+        x = self.size(velocity)
+        return (0.9 - 0.1 * x / (1 + x)) ** 2
+
+    def size(self, velocity):
+        return self.c * velocity
+
+
+class SlowlyLevelling(Levelling):
+    """The same with x = ln(1 + c v): at c = e^25 it is still on its way."""
+
+    def size(self, velocity):
+        return jnp.log1p(self.c * velocity)
+
+
+def levelling(law, level):
+    """ε ends at 0.8: points just below want c as large as can be, points at 0.85 x of about 1."""
+    e = level - 0.0005 + 0.001 * (-1.0) ** np.arange(20)
+    data = cal.RestitutionData(np.linspace(1, 2, 20), e, uncertainty=0.001)
+    return cal.fit(data, law, {"c": cal.Parameter(1.0)}, **QUICK)
+
+
 def balls(radius):
     pair = sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, radius, radius)
     return falling(straight(np.ones_like, pair, 20))
@@ -162,7 +189,10 @@ CASES = {
     "yield-jump": lambda: (beside_yield(1.0), beside_yield(1.3)),
     # with noise as large as this the losses below yield say nothing of ψ
     "at-bound, at zero": lambda: [zhou("nylon", None, u, 2, stated=True) for u in (0.03, 0.0005)],
-    "at-bound, at infinity": lambda: [zhou(STEEL, None, u, stated=True) for u in (0.01, 0.0003)],
+    # the point just below yield alone shows a loss there
+    "at-bound, at the end of ψ": lambda: [zhou(STEEL, None, u, 18, stated=True) for u in (0.01, 0.0003)],
+    "at-bound, at infinity": lambda: [levelling(Levelling, e) for e in (0.8, 0.85)],
+    "at-bound, at infinity, slowly": lambda: [levelling(SlowlyLevelling, e) for e in (0.8, 0.85)],
     "eps-up-only": lambda: (zhou("nylon", np.geomspace(1.2, 80, 30), 0.002), zhou("nylon", None, 0.002)),
     "sigma-psi-not-separate": lambda: [zhou(CHROME, None, u, 1) for u in (0.02, 0.0005)],
     # two slopes that differ by a slight bend; and by one that shows
@@ -188,11 +218,14 @@ def test_raised_by_one_and_not_by_its_neighbour(case):
     if case == "at-bound, at zero":
         assert raised.values["psi"] == 0.0
         assert raised.estimates["psi"].at_bound
-    if case == "at-bound, at infinity":
-        assert raised.values["sigma"] is None
+    if "at infinity" in case:
+        assert raised.values["c"] is None
         (bound,) = [w.cause for w in raised.warnings if w.code == "at-bound"]
-        assert "sigma grows without bound" in bound
-        assert "still falls" in bound  # a larger σ, with a larger ψ, is better: not any is as good
+        assert "c grows without bound" in bound
+        assert ("still falls" in bound) == ("slowly" in case)
+        assert np.all(np.isfinite(raised.band(raised.data.velocity).high))
+    if case == "at-bound, at the end of ψ":
+        assert raised.values["psi"] == 20.0
         assert np.all(np.isfinite(raised.band(raised.data.velocity).high))
     assert code in codes(raised)
     assert code not in codes(quiet)
