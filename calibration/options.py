@@ -74,20 +74,33 @@ def checked_law(law: Any) -> Any:
 
 
 def _check_route(route: Any) -> Any:
-    """A route without settings becomes its name."""
+    """A route without settings becomes its name; one of the user's own class stays as it is."""
+    is_object = callable(getattr(route, "collide", None)) and not isinstance(route, type)
     name = route.replace("-", " ") if isinstance(route, str) else getattr(route, "name", None)
-    if route is not None and name not in ROUTES:
-        routes = "softjax.EnergyBalance(), softjax.ClosedForm(), softjax.ODE(...), or a name"
+    if route is not None and not is_object and name not in ROUTES:
+        routes = (
+            "softjax.EnergyBalance(), softjax.ClosedForm(), softjax.ODE(...), your own, or a name"
+        )
         near = did_you_mean(route, ROUTES) if isinstance(route, str) else ""
         raise DataError("route", route, f"{routes}: {listed(ROUTES)}{near}")
-    return route if name == "ode" and route != "ode" else name
+    return route if is_object and (name == "ode" or name not in ROUTES) else name
 
 
 def route_named(name: str, **settings: Any) -> Any:
-    """A route by its name, words set apart by spaces or hyphens."""
+    """A route of the library by its name, words set apart by spaces or hyphens; None for others."""
     import softjax
 
-    return getattr(softjax, ROUTES[name.replace("-", " ")])(**settings)
+    classes = ROUTES | {softjax.TimeODE.name: "TimeODE"}
+    found = classes.get(name.replace("-", " "))
+    return None if found is None else getattr(softjax, found)(**settings)
+
+
+def _route_entry(route: Any) -> Any:
+    """What files keep of a route; of one of the user's own its name."""
+    if not hasattr(route, "name"):
+        return route
+    is_own = not type(route).__module__.startswith("softjax.")
+    return {"name": route.name, **({} if is_own else vars(route))}
 
 
 def _check_dof(dof: Any) -> Any:
@@ -108,7 +121,7 @@ Objective = Literal["model", "two-step"] | None
 Route = Annotated[
     Any,
     BeforeValidator(_check_route),
-    PlainSerializer(lambda r: {"name": r.name, **vars(r)} if hasattr(r, "name") else r),
+    PlainSerializer(_route_entry),
     _names(ROUTES),
 ]
 Line = Annotated[

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import optimize, stats
@@ -164,3 +165,42 @@ def test_outliers_lose_their_pull_under_student_s_t(size):
         assert outlier.residual == pytest.approx(off / np.sqrt(1 - leverage[row]), rel=1e-5)
         assert outlier.weight == pytest.approx(4 / (4 + off**2), rel=1e-4)
         assert (outlier.velocity, outlier.line) == (v[row], None)
+
+
+class Springs(sj.AbstractRoute):
+    """Walton and Braun's collision by its formulas, as a user would write it."""
+
+    name = "springs"
+
+    def refusal(self, law):
+        return None if isinstance(law, sj.WaltonBraun) else "another for this law, but is Springs()"
+
+    def collide(self, law, velocity, *, clock=False, force=False):
+        peak_force = velocity * jnp.sqrt(law.loading_stiffness * law.contact.mass)
+        peak = peak_force / law.loading_stiffness
+        stiffness = law.unloading_stiffness + law.growth * peak_force
+        flags = jnp.zeros_like(velocity, dtype=jnp.int32)
+        energy, residual = law.loading_stiffness / stiffness, peak - peak_force / stiffness
+        return sj.Collision(energy, peak, residual, flags, force=peak_force if force else None)
+
+
+def test_a_fit_takes_a_route_of_the_users_own_and_is_loaded_without_it(tmp_path):
+    law = sj.WaltonBraun(PAIR, SPRING, 1.4 * SPRING, 500.0)
+    noise = 0.002 * np.random.default_rng(1).standard_normal(20)
+    v = np.geomspace(0.1, 5, 20)
+    data = cal.RestitutionData(v, sj.restitution(law, v).coefficient + noise, PAIR, 0.002)
+    usual, own = (
+        cal.fit(data, "walton-braun", route=route, profiles=False, starts=1)
+        for route in (None, Springs())
+    )
+    for name in ("unloading_stiffness", "growth"):
+        assert own.values[name] == pytest.approx(usual.values[name], rel=1e-9)
+        assert own.standard_errors[name] == pytest.approx(usual.standard_errors[name], rel=1e-6)
+    own.save(tmp_path / "fit.json")
+    loaded = cal.FitResult.load(tmp_path / "fit.json")
+    assert loaded.values == own.values
+    assert "springs" in (tmp_path / "fit.json").read_text(encoding="utf-8")
+    with pytest.raises(ValueError, match=r"`route` must be .*your own, or a name.*but is springs"):
+        cal.fit(data, "walton-braun", route="springs")
+    with pytest.raises(ValueError, match=r"`route` must be another for this law"):
+        cal.fit(data, "constant", route=Springs())

@@ -168,6 +168,21 @@ LISTS = {
             },
         },
     ),
+    "picture": (
+        set(re.findall(r'^    "(\w+\.png)": ', text("calibration/report/fit.py"), re.M)),
+        {
+            "notebooks/reference/commands.md": set(re.findall(r"`(\w+\.png)`", text("notebooks/reference/commands.md"))),
+            "a test that has it": QUOTED_IN_TESTS,
+        },
+    ),
+    "study": (
+        set(re.findall(r'"(\w+)": _', text("calibration/commands/sensitivity.py"))),
+        {
+            "notebooks/reference/commands.md": set(re.findall(r"`(\w+)`", text("notebooks/reference/commands.md"))),
+            "tests/commands/test_sensitivity.py": set(re.findall(r"\w+", text("tests/commands/test_sensitivity.py"))),
+            "tests/commands/test_files_stay.py, COMMANDS": in_quotes("tests/commands/test_files_stay.py"),
+        },
+    ),
     "command": (
         set(COMMANDS),
         {

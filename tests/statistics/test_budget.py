@@ -5,6 +5,8 @@ import pytest
 
 import calibration as cal
 import softjax as sj
+from calibration.plots import budget_figure
+from tests.shown.capture import as_recorded
 
 PAIR = sj.Contact.between_spheres(sj.STAINLESS_STEEL, sj.STAINLESS_STEEL, 0.0127, 0.0127)
 VELOCITY = np.geomspace(0.2, 5, 16)
@@ -102,6 +104,15 @@ def test_the_budget_is_that_of_free_inputs_with_priors(impacts):
     shares = by_moves.budget.shares("yield_factor")
     assert next(iter(shares)) == "contact.yield_strength"
     assert sum(shares.values()) == pytest.approx(1)
+    figure = budget_figure(by_moves)
+    (ax,) = figure.axes
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    lengths = dict(zip(names, (bar.get_width() for bar in ax.patches), strict=True))
+    combined = 100 * sizes[0] / by_moves.values["yield_factor"]
+    assert max(lengths, key=lengths.get) == names[-1]  # the largest on top
+    assert np.linalg.norm([*lengths.values()]) == pytest.approx(combined, rel=0.01)
+    as_recorded("budget", {"budget.png": figure})
+    assert budget_figure(cal.fit(impacts, "thornton", profiles=False)) is None
 
 
 def test_a_scale_of_velocities_moves_a_dissipation_time_as_a_power(impacts):
