@@ -149,16 +149,16 @@ def _elastic(exponent: float, y: Numbers, fractions: tuple[np.ndarray, np.ndarra
     node, weight = gauss_legendre(CLOCK_NODES)
     width: np.ndarray = share.astype(np.float64)
     between = 1 - np.square(1 - np.outer(width, 1 - node))
-    clock = (width * (4 * between / _pace(between, m) @ weight)).astype(share.dtype)
+    clock = (width * (4 * between / _speed_over_share(between, m) @ weight)).astype(share.dtype)
     reach, y = y[..., None] ** (2 / m), y[..., None]
     s_hat = 1 - np.square(1 - share)
-    s, speed = reach * s_hat, y * ((1 - share) * _pace(s_hat, m))
+    s, speed = reach * s_hat, y * ((1 - share) * _speed_over_share(s_hat, m))
     time, returns = reach**2 / y * clock, np.arange(len(share)) >= len(along)
     time = jnp.where(returns, elastic_duration(exponent, y) - time, time)
     return time, s**2, jnp.where(returns, -speed, speed), 0.2 * m * s ** (m - 2)
 
 
-def _pace(s_hat: np.ndarray, m: int) -> np.ndarray:
+def _speed_over_share(s_hat: np.ndarray, m: int) -> np.ndarray:
     """x'/(η y) = √[(1 - ŝ^m)/(1 - ŝ)], a geometric sum."""
     return np.sqrt(sum(s_hat**j for j in range(m)))
 

@@ -48,13 +48,26 @@ class Status(enum.IntFlag):
         return (status & ~int(Status.ELASTIC)) == 0
 
     @staticmethod
+    def has_peak(status):
+        """Whether the bodies come to rest, and the solver got there: there is a largest overlap. Elementwise."""
+        return (status & _NO_PEAK) == 0
+
+    @staticmethod
+    def has_end(status):
+        """Whether the bodies part again too: the numbers are those of a whole collision. Elementwise."""
+        return (status & (_NO_PEAK | int(Status.NO_END))) == 0
+
+    @staticmethod
     def has_rebound(status):
         """Whether the law has a rebound to show there: other flags qualify the value. Elementwise."""
         return (status & _NO_REBOUND) == 0
 
     @staticmethod
     def has_fault(status):
-        """Whether the input makes no sense or the numbers are not right; other flags are of the law's range."""
+        """Whether the input makes no sense or the numbers are not right; other flags are of the law's range.
+
+        Elementwise.
+        """
         return (status & _FAULTS) != 0
 
     @property
@@ -64,13 +77,8 @@ class Status(enum.IntFlag):
 
 
 _FAULTS = int(Status.INVALID_INPUT | Status.SOLVER_FAILED | Status.INEXACT)
-_NO_REBOUND = int(
-    Status.NO_REBOUND
-    | Status.NO_TURNING_POINT
-    | Status.ABOVE_LIMIT_VELOCITY
-    | Status.INVALID_INPUT
-    | Status.NO_END
-)
+_NO_PEAK = int(Status.NO_TURNING_POINT | Status.INVALID_INPUT | Status.SOLVER_FAILED)
+_NO_REBOUND = _NO_PEAK | int(Status.NO_REBOUND | Status.ABOVE_LIMIT_VELOCITY | Status.NO_END)
 _ADVICE = {
     Status.NO_RESIDUAL_OVERLAP: "Check the unloading factor: X = chi E/Y is about 1 or below.",
     Status.ENERGY_GAIN: "The law returns more than it took; a larger unloading factor loses more.",

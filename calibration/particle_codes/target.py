@@ -22,7 +22,6 @@ POISSON_RATIO = 0.3  # where only the contact is known: the modulus that is writ
 EQUAL = 1e-9  # of the factor of an unloading force to 1
 SLOWEST = 1e-4  # factor that durations are stated with, of bodies that hardly part
 NODES = 24  # of the time of loading
-UNANSWERED = int(sj.Status.NO_TURNING_POINT | sj.Status.INVALID_INPUT)
 
 Range = tuple[float, float]
 Curve = Float[np.ndarray, " n"]
@@ -184,9 +183,9 @@ def restitution_of(law: Any, velocity: np.ndarray, losses: bool = True) -> np.nd
         ValueError: at the first velocity where the law has no answer.
     """
     hit = sj.restitution(law, velocity)
-    none = np.asarray(hit.status) & UNANSWERED != 0
+    none = ~sj.Status.has_end(np.asarray(hit.status))
     if np.any(none):
-        accepted = "one over which the law has a turning point"
+        accepted = "one over which the bodies come to rest and part again"
         raise DataError("velocity_range", f"one with {velocity[np.argmax(none)]:.4g} m/s", accepted)
     return np.asarray(hit.coefficient if losses else hit.plastic_coefficient)
 

@@ -277,14 +277,17 @@ def until(field, ends, state, tolerance, max_steps: int):
         tolerance,
         max_steps,
         t1=jnp.inf,
-        event=dfx.Event(conditions, _Bisection(fine, fine, flip="detect"), direction=False),
+        event=dfx.Event(conditions, _Bisection(fine, fine, flip=True), direction=False),
     )
     time, last = jax.tree.map(lambda x: x[-1], (solution.ts, solution.ys))
     return time, last, solution.event_mask
 
 
 class _Bisection(optx.Bisection):
-    """Bisection of the one condition that holds; diffrax gives 0 for each other one."""
+    """Bisection of the one condition that holds; diffrax gives 0 for each other one.
+
+    What falls through 0 is positive before: to detect that would raise where a truth value ends the motion, or nothing.
+    """
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         kind = jax.tree.leaves(f_struct)[0]

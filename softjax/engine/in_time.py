@@ -8,7 +8,7 @@ velocity y, and with time in L/y, the reduced equation x'' = -(5/4) p becomes
 for any law. Loading ends where U falls through 0; unloading where the force does, or the overlap if that comes
 first (of damped laws that end at zero overlap: there alone). Nothing is shared with the other routes but the
 law: neither their variables nor their knowledge of where a branch ends. Where loading is lost, because its force
-pulls or is no number, no body turns.
+pulls or is no number, no body comes to rest.
 
 Linear springs have k = 2: X = sin t, so that the duration is π, whatever the stiffness. Numbers of Hertz's
 contact against this: 2.943 L/y.
@@ -125,15 +125,25 @@ def _end(branch: Branch, motion: Motion, start: State, route: Any) -> End:
         state, moved = jax.jvp(there, primals, tangents)
         rates = State(*field_of(motion)(state))
 
-        def later(ends):
-            """By how much the branch ends later."""
-            _, change = jax.jvp(ends, (motion, state), (tangents[0], moved))
-            _, rate = jax.jvp(lambda state: ends(motion, state), (state,), (rates,))
-            return jnp.where(rate == 0, 0.0, -change / jnp.where(rate == 0, 1.0, rate))
+        def later(ends, step=0.0):
+            """By how much the branch ends later, and how steeply it does, at an overlap so much larger."""
+            here = state._replace(overlap=state.overlap + step)
+            _, change = jax.jvp(ends, (motion, here), (tangents[0], moved))
+            _, rate = jax.jvp(lambda state: ends(motion, state), (here,), (rates,))
+            return jnp.where(rate == 0, 0.0, -change / jnp.where(rate == 0, 1.0, rate)), rate
 
-        delay = later(branch.ends)
+        delay, _ = later(branch.ends)
         if branch.released is not None:
-            delay = jnp.where(_releases(branch, motion, end.state), later(branch.released), delay)
+            direct, rate = later(branch.released)
+            way = motion.top - state.overlap
+            step = float(jnp.finfo(time.dtype).eps) ** (1 / 3) * way
+            near = [later(branch.released, k * step)[0] for k in (1, 2, 3)]
+            limit = 3 * near[0] - 3 * near[1] + near[2]  # of the parabola through them
+            steep = jnp.abs(rate) * way > outcome.STRAIGHT * jnp.abs(state.velocity)
+            direct = jnp.where(
+                steep, direct, limit
+            )  # a force like (x - x*)^{3/2} has no slope there
+            delay = jnp.where(_releases(branch, motion, end.state), direct, delay)
         change = jax.tree.map(lambda moved, rate: moved + rate * delay, moved, rates)
         none = np.zeros((), jax.dtypes.float0)
         return end, End(delay, change, none, none)
@@ -154,7 +164,7 @@ def _at(motion: Motion, state: State) -> Numbers:
     return motion.length * jnp.maximum(state.overlap, LEAST)
 
 
-def _pulls(force: Callable) -> Callable:
+def _is_attractive(force: Callable) -> Callable:
     return lambda motion, state: ~(force(motion, state) >= 0)
 
 
@@ -197,7 +207,7 @@ def _remaining(motion: Motion, state: State) -> Numbers:
     return _unloading(motion, state) / whole - NOTHING
 
 
-LOADING = Branch(_loading, _velocity, None, _pulls(_loading))
+LOADING = Branch(_loading, _velocity, None, _is_attractive(_loading))
 UNLOADING = Branch(_unloading, _overlap, _remaining, _is_no_number(_unloading))
 
 
@@ -240,7 +250,7 @@ def _repulsion(motion: Motion, state: State) -> Numbers:
     return _returning(motion, state) - NOTHING
 
 
-APPROACH = Branch(_force, _velocity, None, _pulls(_force))
+APPROACH = Branch(_force, _velocity, None, _is_attractive(_force))
 
 
 def _creeps(motion: Motion, state: State) -> Flags:
@@ -284,6 +294,6 @@ def rate_dependent(
             field, tuple(_started(y)), up.time, route.tolerance, route.max_steps, save=shares**4
         )  # X is a fourth power of the share there, in which its own powers are smooth
         forces = jax.vmap(_force, (None, 0))(motion, State(*way)) / motion.unit
-        pull = jnp.where(collision.turns, largest_of_samples(forces), 0.0)
-        collision = collision._replace(force=pull)
+        largest = jnp.where(collision.turns, largest_of_samples(forces), 0.0)
+        collision = collision._replace(force=largest)
     return outcome.undo_rescaling(law, collision, speed_ratio)

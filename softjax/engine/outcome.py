@@ -39,8 +39,6 @@ from softjax.status import Status
 JUMP = 1e-3  # of the peak force: what is left of a force that vanishes there, but for a jump
 STRAIGHT = 1e-3  # a force that falls by less than this share of its mean slope has none at its zero
 SETTLED = {"float64": 1e-10, "float32": 1e-5}  # of the impact's energy
-NO_PEAK = int(Status.NO_TURNING_POINT | Status.SOLVER_FAILED)
-UNANSWERED = NO_PEAK | int(Status.NO_END)
 
 
 class Units(NamedTuple):
@@ -82,12 +80,12 @@ class Collision(NamedTuple):
     @property
     def turns(self) -> Flags:
         """Whether the bodies come to rest, and the solver got there: there is a largest overlap and force."""
-        return (self.flags & NO_PEAK) == 0
+        return Status.has_peak(self.flags)
 
     @property
     def answered(self) -> Flags:
         """Whether the bodies come to rest and part again, and the solver got there."""
-        return (self.flags & UNANSWERED) == 0
+        return Status.has_end(self.flags)
 
     def scaled(self, units: Units) -> "Collision":
         """The collision with overlaps, time and force times these units; ε_p² stays."""

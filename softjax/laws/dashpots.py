@@ -82,8 +82,8 @@ class LinearSpringDashpot(RateDependentLaw, final=True):
 
     def reduced_at(self, velocity: Numbers) -> Reduced:
         """In units of each impact: v/ω0 and v."""
-        radius, pace = self.scales()
-        scales = Scales(radius * (velocity / pace), jnp.asarray(velocity))
+        radius, unit = self.scales()
+        scales = Scales(radius * (velocity / unit), jnp.asarray(velocity))
         return Reduced(self.reduced(), scales, jnp.ones_like(scales.overlap))
 
     def closed_form(self, velocity: Numbers) -> KnownCollision:

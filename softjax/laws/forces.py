@@ -208,8 +208,8 @@ class ForceOfImpact(ReducedRateDependent):
 
 def _exponent(force, x: Numbers) -> Numbers:
     """k of a work ∝ x^k, from the slope of the force there."""
-    pull, slope = jax.jvp(force, (x,), (jnp.ones_like(x),))
-    return 1 + jnp.clip(x * slope / pull, 0.0, 10.0)
+    value, slope = jax.jvp(force, (x,), (jnp.ones_like(x),))
+    return 1 + jnp.clip(x * slope / value, 0.0, 10.0)
 
 
 def reduced_by_forces(law, velocity: Numbers) -> Reduced:

@@ -128,7 +128,7 @@ class ReducedClosedForm(ReducedRateIndependent):
     """
 
     def largest_velocity(self) -> Numbers:
-        """y_max, from which on no collision turns: W_L(end) = (2/5) y_max²; infinite without an end."""
+        """y_max, from which on the bodies do not come to rest: W_L(end) = (2/5) y_max²; infinite without an end."""
         return jnp.asarray(jnp.inf)
 
     @abstractmethod
@@ -202,23 +202,23 @@ class HertzMotion(NamedTuple):
 
     Attributes:
         overlap: the largest one, L [m].
-        time: L/v [s], R/V over the pace.
-        pace: (v/V)^{1/5}.
+        time: L/v [s], R/V over the rate.
+        rate: (v/V)^{1/5}, time's inverse over that at V.
         whole: R and V.
     """
 
     overlap: Numbers
     time: Numbers
-    pace: Numbers
+    rate: Numbers
     whole: Scales
 
 
 def hertz_motion(contact: Contact, velocity: Numbers) -> HertzMotion:
     """Of impacts at v [m/s], by one power."""
     whole = hertz_scales(contact)
-    pace = _fifth_root(velocity) / _fifth_root(whole.velocity)
-    time = quotient(whole.time, jnp.where(pace > 0, pace, 1.0))
-    return HertzMotion(whole.overlap * pace**4, time, pace, whole)
+    rate = _fifth_root(velocity) / _fifth_root(whole.velocity)
+    time = quotient(whole.time, jnp.where(rate > 0, rate, 1.0))
+    return HertzMotion(whole.overlap * rate**4, time, rate, whole)
 
 
 @jax.custom_jvp

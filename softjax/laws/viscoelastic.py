@@ -91,9 +91,9 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
         check("velocity", velocity, lambda v: v > 0, "a positive velocity in m/s")
         whole = hertz_scales(contact)
         # (k/M)^{2/5} v^{1/5} is (5/4)^{2/5} (v/V)^{1/5} over R/V
-        pace = (jnp.asarray(velocity) / whole.velocity) ** 0.2
-        loss = _damping_of(jnp.asarray(restitution, pace.dtype))
-        return cls(contact, loss / (1.5 * UNIT * pace) * whole.time)
+        rate = (jnp.asarray(velocity) / whole.velocity) ** 0.2
+        loss = _damping_of(jnp.asarray(restitution, rate.dtype))
+        return cls(contact, loss / (1.5 * UNIT * rate) * whole.time)
 
     def reduced(self) -> "ReducedViscoelastic":
         return _over(self, self.scales())
@@ -106,7 +106,7 @@ class ViscoelasticHertz(RateDependentLaw, final=True):
         motion = hertz_motion(self.contact, velocity)
         # (k/M)^{2/5} v^{1/5} is (5/4)^{2/5} over the time of Hertz's collision
         rate = quotient(motion.whole.velocity, motion.whole.overlap)
-        collision = _collision(_damping(1.5 * UNIT * self.dissipation_time, motion.pace, rate))
+        collision = _collision(_damping(1.5 * UNIT * self.dissipation_time, motion.rate, rate))
         return KnownCollision(
             coefficient=collision.coefficient,
             peak_overlap=motion.overlap / UNIT * collision.peak_overlap,

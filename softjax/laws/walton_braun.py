@@ -68,8 +68,8 @@ class WaltonBraun(RateIndependentLaw, final=True):
 
     def reduced_at(self, velocity: Numbers) -> Reduced:
         """In units of each impact: v √(M/k1), the largest overlap, and v."""
-        radius, pace = self.scales()
-        scales = Scales(radius * (velocity / pace), jnp.asarray(velocity))
+        radius, unit = self.scales()
+        scales = Scales(radius * (velocity / unit), jnp.asarray(velocity))
         return Reduced(self._over(scales.overlap), scales, jnp.ones_like(scales.overlap))
 
     def _over(self, length) -> "ReducedWaltonBraun":

@@ -66,7 +66,7 @@ def value_and_slopes(single: Single, active: Sequence[int], *primals):
 def value_and_gradients(single: Single, active: Sequence[int], *primals):
     """The same by reverse mode, output by output, each a single number."""
     of_active, chosen = _of_active(single, active, primals)
-    value, pull = jax.vjp(of_active, *chosen)
+    value, transposed = jax.vjp(of_active, *chosen)
     outputs, structure = jax.tree.flatten(value)
     numbers = [k for k, x in enumerate(outputs) if jnp.issubdtype(x.dtype, jnp.inexact)]
     none = np.zeros(1, jax.dtypes.float0)
@@ -75,7 +75,9 @@ def value_and_gradients(single: Single, active: Sequence[int], *primals):
         seeds = [np.zeros((), jax.dtypes.float0)] * len(outputs)
         for place, k in enumerate(numbers):
             seeds[k] = row[place]
-        return jnp.concatenate([jnp.ravel(g) for g in pull(jax.tree.unflatten(structure, seeds))])
+        return jnp.concatenate(
+            [jnp.ravel(g) for g in transposed(jax.tree.unflatten(structure, seeds))]
+        )
 
     rows = iter(jax.vmap(along)(jnp.eye(len(numbers), dtype=chosen[0].dtype)))
     slopes = [next(rows) if k in numbers else none for k in range(len(outputs))]

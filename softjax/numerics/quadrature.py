@@ -125,7 +125,7 @@ def _between(force, below, above, gap):
 def smooth_falling_time(place: Callable, drop: Array) -> Array:
     """∫ dx/√(2 ∫ force dx) from the peak down, of a force that is smooth in a root of the overlap.
 
-    With root = top - drop η² speed and pace are both even in η, and so regular at the peak; the
+    With root = top - drop η² speed and time's rate are both even in η, and so regular at the peak; the
     work comes from the interpolated force, as precise as it is small. A tenth of the time of
     `falling_time`, of arrays of impacts.
 

@@ -336,14 +336,14 @@ def _look(force, energy, x, octave, below) -> _Look:
     """The work at overlaps whose octaves from the guess increase, `below` at the first."""
     info = jnp.finfo(x.dtype)
     x = jnp.minimum(x, float(info.max))
-    pull = jax.vmap(force)(x)
-    index, undefined = np.arange(len(octave)), jnp.isnan(pull)
+    forces = jax.vmap(force)(x)
+    index, undefined = np.arange(len(octave)), jnp.isnan(forces)
     # where not even the smallest overlap can be distinguished from 0, there is no force yet
     lost = undefined & (index > jnp.argmax(~undefined))
     known = index < jnp.where(jnp.any(lost), jnp.argmax(lost), len(octave))
     # over the energy before anything is multiplied: products of tiny numbers are none
     most = float(info.max) / len(octave)
-    share = jnp.clip(jnp.where(undefined, 0.0, pull / energy), -most, most)
+    share = jnp.clip(jnp.where(undefined, 0.0, forces / energy), -most, most)
     step = jnp.clip(jnp.diff(x) * (0.5 * (share[1:] + share[:-1])), -most, most)
     step = jnp.where(known[1:], step, 0.0)
     # as a product, which takes a tenth of the time of `cumsum`
@@ -357,7 +357,7 @@ def _look(force, energy, x, octave, below) -> _Look:
     beyond = 0.5 * (octave[start] + octave[stop]) + MARGIN
     window = octave[start], jnp.maximum(octave[stop], beyond), jnp.maximum(work[start], 0.0)
     last = jnp.minimum(octave[at] + MARGIN, octave[-1])
-    vanished = ~(pull > 0) & (index >= at) & (octave <= last)
+    vanished = ~(forces > 0) & (index >= at) & (octave <= last)
     ends, gone = jnp.any(vanished), jnp.argmax(vanished)
     kept = x[jnp.maximum(gone - 1, 0)]
     part = (1 - work[before]) / jnp.where(turns & (at > 0), work[at] - work[before], jnp.inf)
@@ -402,10 +402,10 @@ def crossing(force: Callable[[Array], Array], inside: Array, outside: Array) -> 
 
     def look(state):
         x = state.at
-        pull, slope = jax.jvp(force, (x,), (jnp.ones_like(x),))
-        good = pull > 0
+        value, slope = jax.jvp(force, (x,), (jnp.ones_like(x),))
+        good = value > 0
         inside, outside = jnp.where(good, x, state.inside), jnp.where(good, state.outside, x)
-        step = -pull / slope
+        step = -value / slope
         share = step / state.step
         evenly = (share > 0.05) & (share < 0.9)
         to = x + step / jnp.where(evenly, 1 - share, 1.0)
@@ -463,11 +463,11 @@ def last_zero(force: Callable[[Array, Array], Array], peak: Array) -> tuple[Arra
     above = jnp.where(first > 0, jnp.where(is_near, recovered[before], x[before]), 0.0)
     below = jnp.where(is_near, recovered[first], x[first])
 
-    def pull(part):
+    def force_at(part):
         rest = peak - part
         return force(jnp.where(is_near, rest, part), jnp.where(is_near, part, rest))
 
-    part = crossing(pull, above, jnp.where(exists, below, above))
+    part = crossing(force_at, above, jnp.where(exists, below, above))
     x, recovered = jnp.where(is_near, peak - part, part), jnp.where(is_near, part, peak - part)
     return jnp.where(exists, x, 0.0), jnp.where(exists, recovered, peak)
 

@@ -241,7 +241,7 @@ REFUSED = [
     pytest.param(Rubbing(PAIR, 1e7), {"law": "exact"}, "depends on", marks=pytest.mark.long),
     (STEEL, {"velocity_range": None}, "lowest, highest"),
     (STEEL, {"velocity_range": (2, 1)}, "0 < lowest"),
-    (STEEL, {"velocity_range": (1, 1e6)}, "has a turning point"),
+    (STEEL, {"velocity_range": (1, 1e6)}, "come to rest and part again"),
     (INDEPENDENT["walton-braun"], {"to": "yade", "law": "walton-braun"}, "a constant k2 > k1"),
     (sj.EmpiricalRestitution(340.0, 3.0, 0.5), {}, "one with a contact"),
     (sj.ConstantRestitution(PAIR, 0.9), {"law": "exact"}, "linear"),

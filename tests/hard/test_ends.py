@@ -7,7 +7,7 @@ import pytest
 
 import softjax as sj
 from tests import laws
-from tests.cases import mostly_long
+from tests.cases import mostly_long, same_flags
 from tests.laws import LAWS, PAIR, numbers, with_numbers
 
 
@@ -37,9 +37,9 @@ def test_float32_from_rest_to_its_largest_velocities(name):
         error = np.abs(np.asarray(found[k], float)[:count] - exact[:, k])
         size = np.where(exact[:, k] > 0, exact[:, k], 1.0)
         assert np.all((error / size)[sure] < 3e-6), (k, error / size)
-    assert tuple(hit.status[:count]) == case.status
+    assert np.all(same_flags(hit.status[:count], case.status))
     assert hit.coefficient[count] == 1
-    assert hit.status[count] == sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY
+    assert same_flags(hit.status[count], sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY)
 
 
 HARD = {
@@ -133,14 +133,14 @@ def test_durations_just_above_yield():
 def test_nothing_is_gained_by_rounding(route):
     """Elastic springs and Thornton's impacts just above yield carry no flag."""
     elastic = sj.restitution(sj.WaltonBraun(PAIR, 1e6, 1e6), np.geomspace(1e-3, 10, 1000), route)
-    assert np.all(elastic.status == sj.Status.PLAIN)
+    assert np.all(same_flags(elastic.status, sj.Status.PLAIN))
     assert np.max(np.abs(elastic.coefficient - 1)) < 1e-15
     if route is not None:
         return
     law = sj.Thornton(PAIR)
     near = float(law.elastic_velocity()) * (1 + np.geomspace(1e-15, 1e-3, 1000))
     yielding = sj.restitution(law, near, route)
-    assert set(np.unique(yielding.status)) <= {sj.Status.PLAIN, sj.Status.ELASTIC}
+    assert np.all(same_flags(yielding.status & ~int(sj.Status.ELASTIC), sj.Status.PLAIN))
 
 
 @mostly_long("dtype", [np.float64, np.float32])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import fitted, mostly_long, pair
+from tests.cases import fitted, mostly_long, pair, same_flags
 from tests.laws import LAWS
 
 STEEL = pair("stainless steel")
@@ -67,7 +67,7 @@ def test_nothing_of_an_integration_that_did_not_arrive_looks_like_physics(name, 
     else:
         hit = of(velocity)[0]
         numbers = [hit.duration]
-    assert np.all(hit.status[failed] == FAILED)
+    assert np.all(same_flags(hit.status[failed], FAILED))
     assert np.all(hit.ok[: failed.start])
     assert not np.any(hit.ok[failed])
     parts = ("coefficient", "plastic_coefficient", "peak_overlap", "residual_overlap")
@@ -115,13 +115,14 @@ class Driven(sj.RateDependentLaw):
 def test_a_formula_that_gives_no_number_or_too_much():
     found = sj.restitution(Formula(10.0), np.array([0.5, 3.0]))
     assert found.coefficient[0] == pytest.approx(np.sqrt(10 * np.log(1.5)), rel=1e-15)
-    assert list(found.status) == [GAIN, FAILED]
+    assert np.all(same_flags(found.status, [GAIN, FAILED]))
     assert found.coefficient[1] == 0
     known = sj.restitution(Known(STEEL, np.array([1.0, 1.0 + 1e-9])), 1.0)
-    assert list(known.status) == [sj.Status.PLAIN, GAIN]
+    assert np.all(same_flags(known.status, [sj.Status.PLAIN, GAIN]))
     assert known.route == sj.ClosedForm()
     overflow = sj.restitution(Known(STEEL, 1e200), 1e200)
-    assert (overflow.coefficient, overflow.status) == (0, FAILED)
+    assert overflow.coefficient == 0
+    assert same_flags(overflow.status, FAILED)
 
 
 @mostly_long("route", [sj.ODE(rtol=1e-5), sj.ODE(steps=8, solver="dopri5")])
@@ -130,7 +131,7 @@ def test_gains_of_damped_laws_are_flagged_and_rounding_is_none(route):
     found = sj.restitution(Driven(STEEL, power, rate), 1.0, route)
     assert np.allclose(found.coefficient[:4], 1.0, atol=1e-3)
     assert found.coefficient[4] > 1.05
-    assert list(found.status) == [0, 0, 0, 0, GAIN]
+    assert np.all(same_flags(found.status, [0, 0, 0, 0, GAIN]))
 
 
 def test_the_slowest_impact_is_at_rest_alone_and_among_others():
@@ -139,4 +140,4 @@ def test_the_slowest_impact_is_at_rest_alone_and_among_others():
     for velocity in ([1e-310], [1e-310, 1.0], [1e-310, 0.0]):
         found = sj.restitution(law, velocity)
         assert found.coefficient[0] == 1
-        assert found.status[0] == ELASTIC | sj.Status.ZERO_VELOCITY
+        assert same_flags(found.status[0], ELASTIC | sj.Status.ZERO_VELOCITY)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softjax as sj
-from tests.cases import fitted, mostly_long
+from tests.cases import fitted, mostly_long, same_flags
 from tests.laws import (
     KNOWN,
     LAWS,
@@ -62,8 +62,8 @@ def assert_solved(case, tolerance, route=None, ranges=None):
         near = max(tolerance, 1e-8) if name == "peak_force" and found_late else tolerance
         error = np.abs(np.asarray(getattr(result, name)) - exact[:, k])
         assert np.all(np.isnan(exact[:, k]) | (error <= near * size + 1e-300)), (name, error / size)
-    assert tuple(result.status[:plain]) == case.status
-    assert np.array_equal(result.ok[:plain], np.isin(case.status, (0, 1)))
+    assert np.all(same_flags(result.status[:plain], case.status))
+    assert np.array_equal(result.ok, sj.Status.is_ok(result.status))
 
 
 def test_viscoelastic_spheres_by_one_restitution_at_one_velocity():
@@ -83,7 +83,7 @@ def test_viscoelastic_spheres_by_one_restitution_at_one_velocity():
             )
 
 
-@mostly_long("name", WITH_FORCE, ["zhou", "hertz dashpot to zero-force"])
+@mostly_long("name", WITH_FORCE, ["hertz dashpot to zero-force"])
 def test_in_time_by_events(name):
     """Shares the law alone with the other routes; looser tolerances would pass with an event that is missed."""
     assert_solved(LAWS[name], 1e-8, sj.TimeODE(rtol=1e-11))
@@ -153,7 +153,7 @@ def test_without_damping_and_with_none_left():
     assert result.peak_overlap[0] == pytest.approx(float(exact.peak), rel=1e-15)
     assert result.duration[0] == pytest.approx(float(exact.duration), rel=1e-14)
     rest = sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY
-    assert list(result.status) == [sj.Status.PLAIN, rest, sj.Status.PLAIN]
+    assert np.all(same_flags(result.status, [sj.Status.PLAIN, rest, sj.Status.PLAIN]))
     assert (result.coefficient[1], result.peak_overlap[1], result.duration[1]) == (1, 0, 0)
     assert result.coefficient[2] == 0
     assert np.all(np.isfinite(result.duration))
@@ -162,7 +162,7 @@ def test_without_damping_and_with_none_left():
 def test_where_tracing_hides_a_softer_unloading_it_is_as_stiff_as_the_loading():
     soft = jax.jit(lambda k2: sj.restitution(sj.WaltonBraun(PAIR, 1e6, k2), 1.0))(0.5e6)
     assert (soft.coefficient, soft.residual_overlap) == (1, 0)
-    assert soft.status == sj.Status.NO_RESIDUAL_OVERLAP
+    assert same_flags(soft.status, sj.Status.NO_RESIDUAL_OVERLAP)
 
 
 def test_hard_spheres():
@@ -180,7 +180,9 @@ def test_hard_spheres():
     at = sj.restitution(law, [0.0, 340.0, 500.0])
     limit = sj.Status.ABOVE_LIMIT_VELOCITY
     assert list(at.coefficient) == [1, 0, 0]
-    assert list(at.status) == [sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY, limit, limit]
+    assert np.all(
+        same_flags(at.status, [sj.Status.ELASTIC | sj.Status.ZERO_VELOCITY, limit, limit])
+    )
 
 
 def test_the_closed_form_is_refused_where_there_is_none():

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 import softjax as sj
-from tests.cases import mostly_long
+from tests.cases import mostly_long, same_flags
 from tests.laws import LAWS, WITH_FORCE
 from tests.physics.by_forces import LENGTH, STEEL, Forces, columns
 
@@ -67,7 +67,7 @@ def test_unloading_ends_where_the_force_vanishes_first():
     back = share + np.concatenate(beyond)
     rough = share == share[50]
     hit = sj.restitution(Twice(STEEL, share, back, 0.9 * rough), 1.0)
-    np.testing.assert_array_equal(hit.status == sj.Status.INEXACT, rough)
+    assert np.all(same_flags(hit.status, np.where(rough, sj.Status.INEXACT, 0)))
     expected = share * (1 - share / (3 * back))
     np.testing.assert_allclose((hit.coefficient**2)[~rough], expected[~rough], rtol=1e-9)
     np.testing.assert_allclose(hit.residual_overlap / hit.peak_overlap, 1 - share, rtol=1e-10)
@@ -131,7 +131,7 @@ def test_kinks_elastic_limits_and_ends(route):
         assert np.allclose(path.velocity[:, [0, -1]].T, 0.1 * ends, rtol=1e-9)
         assert np.allclose(path.overlap[:, 2], result.peak_overlap[1:6], rtol=1e-7)
     nodes, weights = np.polynomial.legendre.leggauss(4)
-    assert list(result.status) == [1, 0, 0, 0, 0, 0, sj.Status.NO_TURNING_POINT]
+    assert np.all(same_flags(result.status, [1, 0, 0, 0, 0, 0, sj.Status.NO_TURNING_POINT]))
     for k in range(1, 6):
         start, force = 0.4 * (y[k] ** 2 - 1.9**2.5), 1.9**1.5
         a = (np.sqrt(force**2 + 4 * start) - force) / 2
@@ -208,4 +208,4 @@ def test_an_elastic_law_by_forces_says_so():
         def unloading_force(self, overlap, peak_overlap):
             return self.loading_force(overlap)
 
-    assert sj.restitution(Always(STEEL), 1.0).status == sj.Status.ELASTIC
+    assert same_flags(sj.restitution(Always(STEEL), 1.0).status, sj.Status.ELASTIC)

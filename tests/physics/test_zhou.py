@@ -9,7 +9,17 @@ import pytest
 
 import softjax as sj
 from tests import cases
-from tests.cases import EPS, FORMS, column, fitted, flags_of, law_with, mostly_long, of_form
+from tests.cases import (
+    EPS,
+    FORMS,
+    column,
+    fitted,
+    flags_of,
+    law_with,
+    mostly_long,
+    of_form,
+    same_flags,
+)
 from tests.laws import QUANTITIES, in_small_batches
 from tests.oracles import write
 
@@ -36,7 +46,7 @@ def test_over_the_boxes(form, route):
         assert np.quantile(error, 0.95) <= 1e-12
     else:
         assert np.all(error <= 1e-12 + 8 * EPS * column(records, "log_sensitivity_sum"))
-    assert np.array_equal(result.status, flags_of(records))
+    assert np.all(same_flags(result.status, flags_of(records)))
     scale, peak = law.contact.critical_overlap, column(records, "x_m")
     tolerance = 1e-8 if route == BY_TIME else 1e-12
     assert np.allclose(result.peak_overlap / scale, peak, rtol=tolerance, atol=0)
@@ -161,13 +171,14 @@ def test_which_laws_jump_at_yield_and_where():
     squared, status = sj.signed_restitution(law, at)
     d = 1.5 * float(pair.critical_overlap) / (np.pi ** (2 / 3) * float(pair.radius))
     assert squared[1] - squared[0] == pytest.approx(2 * d / 3, rel=1e-5)
-    assert status[0] == sj.Status.ELASTIC
+    assert same_flags(status[0], sj.Status.ELASTIC)
     spring, hertz = sj.WaltonBraun(pair, 1e6, 2e6), sj.Hertz(pair)
     found = sj.signed_restitution(hertz, 1.0)
-    assert (found.squared, found.status) == (1, sj.Status.ELASTIC)
+    assert found.squared == 1
+    assert same_flags(found.status, sj.Status.ELASTIC)
     found = jax.jit(lambda v: sj.signed_restitution(spring, v))(np.array([1.0, np.nan]))
     assert found.squared == pytest.approx([0.5, 0.0], rel=1e-14)
-    assert found.status.tolist() == [0, sj.Status.INVALID_INPUT]
+    assert np.all(same_flags(found.status, [0, sj.Status.INVALID_INPUT]))
     assert sj.Zhou.jumps_at_yield
     assert not sj.Thornton(pair).jumps_at_yield
     assert np.isinf(hertz.elastic_velocity())
