@@ -466,6 +466,7 @@ class FitResult:
 def _compared(result: FitResult) -> dict[str, Any]:
     """Fields that equal results share: without times, and of the bodies only the contact."""
     table = result.to_dict(times=False)
+    del table["of_one_per_cent"]  # of the file's inputs, or of the contact's
     for fit in table["fits"]:
         del fit["data"]["bodies"]
         for outlier in fit["outliers"]:
