@@ -61,7 +61,7 @@ DAMPED_GAIN = 100.0
 PUSHES = 1e-6  # of the elastic force: rounding of a force that damping cancels but for a small rest
 WORK_NODES, DISAGREES = (
     256,
-    1e-3,
+    3e-3,
 )  # a check of the energy by the forces' works, and the share it may be off
 DAMPED_UNKNOWN = 1e-4
 

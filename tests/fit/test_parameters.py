@@ -143,7 +143,7 @@ def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
     options = QUICK | {"objective": "two-step", "unloading_line": None, "starts": 1}
     options |= {"route": sj.EnergyBalance()}
     psi = {"psi": Free(shared=True)}
-    by_parameter = cal.fit([steel, nylon], None, psi | {"limit_velocity[nylon]": 400.0}, **options)
+    by_parameter = cal.fit([steel, nylon], None, psi | {"contact.limit_velocity[nylon]": 400.0}, **options)
     bodies = replace(nylon.contact, limit_velocity=400.0)
     by_data = cal.RestitutionData(nylon.velocity, nylon.restitution, bodies, name="nylon")
     alone = cal.fit([steel, by_data], None, psi, **options)
@@ -157,7 +157,7 @@ def test_a_yield_strength_that_is_free_is_found(lowest):
     data = twin("nylon", y=np.linspace(lowest, 30, 12))
     strength = float(data.contact.yield_strength)
     wrong = replace(data, contact=replace(data.contact, yield_strength=1.7 * strength))
-    specs = {"yield_strength": Free(), "sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}
+    specs = {"contact.yield_strength": Free(), "sigma": TRUTH["nylon"][2], "psi": TRUTH["nylon"][3]}
     for one in (wrong, data):
         result = cal.fit(one, None, specs, **QUICK)
         assert result.values["contact.yield_strength"] == pytest.approx(strength, rel=1e-4)
@@ -175,7 +175,7 @@ def test_strengths_of_two_sets_are_on_the_branches_that_their_noises_make_best()
         exact = fit_oracle.curve(v, fit_oracle.numbers(contact), 1.2, 0.43, 0.54)
         eps = exact + noise * np.random.default_rng(seed).standard_normal(10)
         sets.append(cal.RestitutionData(v, eps, contact, name=name))
-    specs = {"yield_strength": Free(), "chi": Free(shared=True), "sigma": 0.43, "psi": 0.54}
+    specs = {"contact.yield_strength": Free(), "chi": Free(shared=True), "sigma": 0.43, "psi": 0.54}
     result = cal.fit(sets, None, specs, profiles=False, starts=1)
 
     def log_likelihood(chi, factors):

@@ -77,9 +77,9 @@ def test_sigma_and_psi_stay_where_yield_may_reach_the_points(keywords, lowest):
 def test_a_yield_strength_that_is_fixed_decides_which_points_are_above_it():
     """v_cr goes with Y to the power 2.5: below it χ̃ does not show, above it σ and ψ do not."""
     few = QUICK | {"max_steps": 2}
-    above = cal.fit(drops(2), "zhou", {"yield_strength": YIELD}, **few)
+    above = cal.fit(drops(2), "zhou", {"contact.yield_strength": YIELD}, **few)
     assert "eps_up" in above.covariance_names
-    below = cal.fit(drops(2), "zhou", {"yield_strength": 20 * YIELD}, **few)
+    below = cal.fit(drops(2), "zhou", {"contact.yield_strength": 20 * YIELD}, **few)
     assert below.covariance_names == ("sigma", "psi")
     assert below.values["chi"] is None
     around, higher = V_CR * np.array([0.99, 1.01]), 20**2.5

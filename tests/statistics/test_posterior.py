@@ -196,7 +196,7 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
     assert (about["level"]["lower"], about["level"]["upper"]) == (0, np.inf)
     assert priors["turn"] == "log-normal, median 0, with 68 % from -3.2 to 0.43"  # 1/2 - e^±2/2
     assert priors["stiffness[a]"] == "around stiffness, with stiffness_spread"
-    assert priors["stiffness"] == "log-normal, median 3e+06, with 68 % from 4.1e+05 to 2.2e+07"
+    assert priors["stiffness"] == "log-normal, median 3e+06, with 68 % from 410000 to 2.2e+07"
 
 
 @pytest.mark.long
@@ -391,8 +391,8 @@ def test_one_more_measurement_has_the_error_of_its_velocity(is_stated):
     np.testing.assert_allclose(found, expected, rtol=0.1)
 
 
-def test_curves_sensitivities_and_designs_are_over_the_draws(tmp_path):
-    """θ ∂ε/∂θ of a constant is ε itself."""
+def test_curves_are_over_the_draws(tmp_path):
+    """The mean and the quantiles of a constant are those of the draws."""
     folder = tmp_path
     data = cal.RestitutionData(V, 0.9 + 0.05 * np.cos(V))
     cal.fit(data, "constant", profiles=False).save(folder / "fit.json")
@@ -412,10 +412,6 @@ def test_curves_sensitivities_and_designs_are_over_the_draws(tmp_path):
     code, _, err = run("curve", *given[:3], folder / "other.nc", "--out", folder / "no")
     assert code == 2
     assert "other.nc: no draws can be read" in err
-    options = ("--study", "design", "--shots", "2", "--out", folder / "design")
-    code, out, _ = run("sensitivity", *given, *options)
-    assert code == 0
-    assert "on average over 16 draws of the posterior: Best shots: " in out
 
 
 SAMPLER = {"inference_library": "blackjax", "inference_library_version": "1.2"}
@@ -461,7 +457,8 @@ def test_the_command_writes_draws_picture_and_words_and_says_what_is_wrong(tmp_p
         assert (code, err) == (0, "")
         page = Tags((out / "report.html").read_text(encoding="utf-8"))
         section = page.paragraphs[page.paragraphs.index("## Posterior") :]
-        entries = {x.split()[1].rstrip(":"): x for x in section if x.startswith("- ")}
+        listed = [x for x in page.paragraphs if x.startswith("- ")]
+        entries = {x.split()[1].rstrip(":"): x for x in listed}
         (table,) = (table for table in page.tables if table[0][1] == "mean ± std. deviation")
         return printed, "\n\n".join(section), entries, table
 

@@ -171,7 +171,7 @@ def beside_yield(y):
         uncertainty=0.0003,
     )
     known = dict(zip(("chi", "sigma", "psi"), TRUTH["nylon"][1:4], strict=True))
-    return cal.fit(data, None, known | {"yield_strength": Free()}, **QUICK)
+    return cal.fit(data, None, known | {"contact.yield_strength": Free()}, **QUICK)
 
 
 def zhou(name, y=None, noise=0.0, seed=0, **options):

@@ -58,7 +58,7 @@ def test_a_full_disk_costs_the_files_and_not_the_report(most, quick, tmp_path):
     assert code == 3
     assert error == f"softjax: {str(out)!r} could not be written to (File too large)\n"
     assert "my alloy" in printed
-    assert "converged" in printed
+    assert "rms 0.03" in printed
     assert str(out) not in printed
     assert {path.name: path.read_text() for path in out.iterdir()} == {"fit.json": "old"}
     assert os.listdir(tmp_path) == ["results"]
@@ -200,10 +200,10 @@ def test_a_file_of_a_library_that_is_missing_is_no_want_of_space(tmp_path, monke
     missing = FileNotFoundError(2, "No such file or directory", "/usr/share/fonts/none.ttf")
     monkeypatch.setattr(Figure, "savefig", raising(missing))
     code, _, error = run("--no-cache", *CURVE, "--out", tmp_path / "results")
-    assert code == 70
+    assert code == 3
     assert "/usr/share/fonts/none.ttf" in error
-    assert error.endswith(INTERNAL)
-    assert not (tmp_path / "results").exists()
+    assert "space" not in error
+    assert {path.suffix for path in (tmp_path / "results").iterdir()} == {".csv"}
 
 
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
