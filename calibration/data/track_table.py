@@ -25,6 +25,9 @@ from calibration.errors import DataError, Origin, listed
 
 MOST_NAMED = 10  # columns, or objects, that a remark names
 SCALES = ("height_scale", "time_scale")
+NO_DRAG_SEEN = (
+    25.0  # of χ², five standard deviations: frames that exclude the drag of a ball in air
+)
 IN_METRES = "no unit of the heights, assuming metres"
 
 
@@ -107,12 +110,26 @@ def read_tracks(
     films = list(_films(table, headers, columns))
     films, remarks = _one_object(films, options.object)
     read, left_out = _all_read(table, headers, films, stated, setting, instruments)
+    of_air: list[str] = []
+    if air is None and around is not None:
+        in_vacuum = setting._replace(air=None)
+        try:
+            bare, others = _all_read(table, headers, films, stated, in_vacuum, instruments)
+        except DataError:  # flights in air do not fall with g
+            bare, others = [], []
+        if (gain := _gain(read, bare)) > NO_DRAG_SEEN:
+            read, left_out, around = bare, others, None
+            of_air = [
+                f"flights are read as in vacuum: their frames show no drag (χ² {gain:.0f} lower than with that of the "
+                "stated ball; air = true corrects them all the same)"
+            ]
     several = len(read) > 1
     remarks = [
         *_of_columns(headers, read[0][0].columns, options, columns),
         *remarks,
         *left_out,
         *([NO_DRAG] if not_corrected else []),
+        *of_air,
         *(
             f"{film.name}: {text}" if several else text
             for film, track in read
@@ -123,6 +140,14 @@ def read_tracks(
         TRACKS, {}, frozenset(), g, of_pair, bodies, around, None, tuple(remarks), origin, ""
     )
     return rows, _together(read)
+
+
+def _gain(in_air: list[tuple[_Film, BounceTrack]], bare: list[tuple[_Film, BounceTrack]]) -> float:
+    """By how much χ² of all frames is lower without air; 0 where other impacts are read then."""
+    pairs = [(a, b) for (_, a), (_, b) in zip(in_air, bare, strict=False)]
+    if [len(a) for _, a in in_air] != [len(b) for _, b in bare]:
+        return 0.0
+    return sum(a.degrees * ((a.noise / b.noise) ** 2 - 1) for a, b in pairs if b.noise > 0)
 
 
 def _all_read(

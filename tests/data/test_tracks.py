@@ -419,3 +419,22 @@ data = "m.csv"
     np.testing.assert_allclose(impacts[:, 0], [c.time for c in data.tracks[0].crossings])
     assert [t.get_text() for t in axes[0].texts] == [f"{e:.3f}" for e in data.restitution]
     assert len(lines["frames of flights"]) == sum(len(f.rows) for f in data.tracks[0].flights)
+
+
+def test_flights_that_show_no_drag_are_read_as_in_vacuum():
+    """A steel ball from 1 m, ε = 0.8 without air: frames exclude drag; `air=True` corrects them all the same."""
+    g, fall, rate = 9.80665, (2 / 9.80665) ** 0.5, 60
+    ends = np.cumsum([fall, *(2 * fall * 0.8**k for k in range(1, 5))])
+    t = np.arange(0, ends[-1], 1 / rate)
+    start = np.array([-fall, *ends[:-1]])
+    k = np.searchsorted(ends, t, side="right")
+    since = t - start[k]
+    h = since * (g * fall * 0.8**k) - g * since**2 / 2
+    h = h + 5e-5 * np.random.default_rng(0).standard_normal(len(t))
+    steel = sj.Material(2.1e11, 0.3, 7800.0, 1e9)
+    pair, table = sj.Contact.with_wall(steel, steel, 0.0125), {"time [s]": t, "height [m]": h}
+    data = cal.RestitutionData.from_table(table, pair)
+    assert data.restitution == pytest.approx(0.8, abs=2e-4)
+    assert any("as in vacuum" in remark for remark in data.remarks)
+    corrected = cal.RestitutionData.from_table(table, pair, air=True)
+    assert corrected.restitution[0] > 0.8005

@@ -143,7 +143,9 @@ def test_what_is_said_of_one_set_s_bodies_is_of_that_set_alone():
     options = QUICK | {"objective": "two-step", "unloading_line": None, "starts": 1}
     options |= {"route": sj.EnergyBalance()}
     psi = {"psi": Free(shared=True)}
-    by_parameter = cal.fit([steel, nylon], None, psi | {"contact.limit_velocity[nylon]": 400.0}, **options)
+    by_parameter = cal.fit(
+        [steel, nylon], None, psi | {"contact.limit_velocity[nylon]": 400.0}, **options
+    )
     bodies = replace(nylon.contact, limit_velocity=400.0)
     by_data = cal.RestitutionData(nylon.velocity, nylon.restitution, bodies, name="nylon")
     alone = cal.fit([steel, by_data], None, psi, **options)
