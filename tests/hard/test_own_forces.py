@@ -95,11 +95,14 @@ def test_a_hard_core_is_flagged(route):
     assert sj.Status.has_fault(sj.restitution(HardCore(PAIR), 1.0, route).status)
 
 
-@pytest.mark.parametrize("route", [sj.ODE(), sj.TimeODE()], ids=["ode", "in time"])
-def test_a_contact_that_never_ends_says_so(route):
+@pytest.mark.parametrize(
+    ("route", "bound"), [(sj.ODE(), 1e-8), (sj.TimeODE(), 1e-6)], ids=["ode", "in time"]
+)
+def test_a_contact_that_never_ends_says_so(route, bound):
+    """exp(-πξ/√(1 - ξ²)) below critical damping; the bound in time is 150 times its rtol."""
     hit = sj.restitution(Spring(PAIR, np.array([0.5, 1.0, 2.0])), 1.0, route)
     assert np.all(same_flags(hit.status, [sj.Status.PLAIN, sj.Status.NO_END, sj.Status.NO_END]))
-    assert hit.coefficient[0] == pytest.approx(np.exp(-np.pi / np.sqrt(3)), rel=1e-6)
+    assert hit.coefficient[0] == pytest.approx(np.exp(-np.pi / np.sqrt(3)), rel=bound)
     assert list(hit.coefficient[1:]) == [0, 0]
     assert list(hit.ok) == [True, False, False]
 
