@@ -56,6 +56,7 @@ NOT_ROWS = (
     "fall",
     "tracks",
     "origin",
+    "source",
     "errors",
 )
 FAR_ABOVE = 10.0  # from here on no slip of a digit brings it
@@ -592,6 +593,8 @@ def _in_si(name: str, value: Any) -> Any:
     """An argument in SI, where it has a unit of its own that pint can convert."""
     if name == "measured":
         return {name: _in_si(name, column) for name, column in value.items()}
+    if name in NOT_ROWS:  # `fall` names the unit of its heights, and is no quantity
+        return value
     quantity = name.removesuffix("_uncertainty")
     unit = OBSERVED.get(quantity, "m/s" if "velocity" in quantity else "")
     return in_unit(value, unit)
