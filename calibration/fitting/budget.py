@@ -127,6 +127,15 @@ class Budget:
         parts = np.array([[p.of(label) for label in labels] for p in self.inputs])
         return np.einsum("ki,kj->ij", parts.reshape(-1, size), parts.reshape(-1, size))
 
+    def of_sum(self, label: str, weights: Mapping[str, float]) -> "Budget":
+        """Contributions to Σ w θ, a sum over results, under a name of its own."""
+
+        def total(changes: Mapping[str, float]) -> dict[str, float]:
+            return {label: sum(w * changes.get(name, 0.0) for name, w in weights.items())}
+
+        parts = (replace(part, up=total(part.up), down=total(part.down)) for part in self.inputs)
+        return Budget(tuple(parts), {}, {})
+
     @property
     def not_linear(self) -> dict[str, list[str]]:
         """Inputs whose moves to both sides differ by more than a tenth, and of which results."""

@@ -15,10 +15,14 @@ Student's t of n - 2. Two materials leave no degree of freedom: s is unknown the
 is the mean of the fitted ones (of logit ε_up), uncertain by their standard deviation times √(1 + 1/n), with
 Student's t of n - 1.
 
+Stated uncertainties of inputs move c1, c2 and the mean ε_up together: all materials that have an input are fitted
+again with it moved by ± u, and half the differences are added in squares to errors and intervals. s is that of the
+errors of the points alone, so that inputs of one material each are partly in it, too: intervals are rather too wide.
+
 Source: Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 377 (1982), of s.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,12 +32,14 @@ from scipy import special
 
 import softjax as sj
 from calibration.data.checks import checked_confidence, require
+from calibration.data.inputs import Input
 from calibration.errors import DataError
+from calibration.fitting.budget import Budget, Contribution, budget_of, widened
 from calibration.fitting.laws import LINE, eps_up_of, sigma_of
-from calibration.fitting.material import Band, Estimate
-from calibration.fitting.problem import DRAG
+from calibration.fitting.material import Band, Estimate, MaterialFit
+from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.request import Request, SetSpec, assemble
-from calibration.fitting.stages import ComponentFit, StageFit, fit_component
+from calibration.fitting.stages import ComponentFit, fit_component
 from calibration.fitting.uncertainty import quantile
 from calibration.parameters import Parameter
 
@@ -41,7 +47,9 @@ STARTS = 4  # of the fit on the line: few points below yield leave materials min
 PSI = 0.5  # of a further material: above yield, where its curve is known, ψ acts through ε_up alone
 ROUNDING = 1e-9  # of χ̃: errors below are not used; of ε_up: what is 1; of E/Y: what is one
 TINY = np.finfo(float).tiny
-
+LEAST_PART = 1e-3  # of χ̃, that a moved input leaves of it
+LOSS = "logit_eps_up"  # the mean, in the budget of a line
+THROUGH = {name: f"{name}_through_chi" for name in LINE}
 
 Own = tuple[ComponentFit, SetSpec, int]  # of a data set with a χ̃: its fit, its options, its element
 
@@ -80,11 +88,12 @@ class Line:
         c1, c2: fitted directly to all curves at once.
         rms: of each material's curve with χ̃ from the line.
         through_chi: c1 and c2 through the fitted χ̃ with their weights instead.
-        covariance: of c1 and c2, with what the scatter about the line adds; None where the data have
-            no noise.
+        covariance: of c1 and c2, with what the scatter about the line and uncertain inputs add; None where
+            the data have no noise.
         materials: those that it was fitted to, by themselves.
         options, area: of their laws and contacts.
         confidence: of intervals.
+        budget: what uncertain inputs add to c1, c2 and the mean logit ε_up; None where none is stated.
     """
 
     c1: Estimate
@@ -97,6 +106,14 @@ class Line:
     options: dict[str, str] | None = None
     area: str = "zhou"
     confidence: float = 0.95
+    budget: Budget | None = None
+
+    @property
+    def statistical_covariance(self) -> np.ndarray | None:
+        """The covariance without what uncertain inputs add."""
+        if self.covariance is None or self.budget is None:
+            return None if self.covariance is None else np.array(self.covariance)
+        return np.array(self.covariance) - self.budget.covariance(LINE)
 
     @property
     def chi(self) -> dict[str, float]:
@@ -135,10 +152,33 @@ class Line:
     def at(self, ratio: float, confidence: float | None = None) -> Estimate:
         """χ̃ at some E/Y."""
         level = self.confidence if confidence is None else checked_confidence(confidence)
+        found = self._by_points(ratio, level)
+        if self.budget is None or found.standard_error is None:
+            return found
+        assert found.value is not None
+        assert found.low is not None
+        assert found.high is not None
+        # χ̃ is positive: in its logarithm
+        budget, z = self.budget.of_sum("chi", self._weights(ratio)), float(quantile(level, np.inf))
+        down, up = (z * move / found.value for move in budget.moves("chi"))
+        return replace(
+            found,
+            standard_error=float(np.hypot(found.standard_error, budget.input_error("chi"))),
+            statistical_error=found.standard_error,
+            low=found.value * float(np.exp(-np.hypot(np.log(found.value / found.low), down))),
+            high=found.value * float(np.exp(np.hypot(np.log(found.high / found.value), up))),
+        )
+
+    def _weights(self, ratio: float) -> dict[str, float]:
+        """c1 and c2 in χ̃ at some E/Y."""
+        return dict(zip(LINE, (1.0, ratio), strict=True))
+
+    def _by_points(self, ratio: float, level: float) -> Estimate:
+        """χ̃ at some E/Y with errors of the points and of the scatter about the line alone."""
         value, scatter = float(self._line(ratio)), self.scatter or 0.0
         if not value > 0:
             raise DataError("E/Y", ratio, f"such that c1 + c2 E/Y is positive; it is {value:.4g}")
-        covariance: Any = self.covariance
+        covariance: Any = self.statistical_covariance
         if not self.has_noise:
             if not scatter:
                 return Estimate(value, method="derived")
@@ -168,8 +208,9 @@ class Line:
     def band(self, contact: sj.Contact, velocity: Any, *, confidence: float | None = None) -> Band:
         """ε(v) of a further material above first yield, with what its χ̃ and ε_up are uncertain by.
 
-        NaN below first yield. The limits are those of χ̃ and of ε_up at the ends of its interval, their
-        distances from the curve added in squares; of ε_p, where no ε_up is known, those of χ̃ alone.
+        NaN below first yield. The limits are those of χ̃ and of ε_up at the ends of its interval, and of both
+        as each uncertain input of the fitted materials moves them, their distances from the curve added in
+        squares; of ε_p, where no ε_up is known, those of χ̃ alone.
 
         Args:
             contact: its bodies, of the area that was fitted with.
@@ -183,8 +224,10 @@ class Line:
         velocity = np.asarray(velocity, float)
         flat = velocity.ravel()
         require("velocity", flat, lambda v: v >= 0, "a speed of 0 m/s or more")
-        chi, loss = self.unloading_factor(contact, level), self._loss(level)
-        centre = loss and loss.mean
+        self.unloading_factor(contact, level)  # refuses bodies that the line is not for
+        ratio, loss = _ratio(contact), self._loss(level)
+        chi, centre = self._by_points(ratio, level), None if loss is None else loss.mean
+        assert chi.value is not None
 
         def curve(value: float | None, logit: float | None) -> np.ndarray:
             law = self._law(contact, value, logit)
@@ -200,6 +243,14 @@ class Line:
             step = loss.reach * loss.error
             moved.append((curve(chi.value, loss.mean - step), curve(chi.value, loss.mean + step)))
             reaches.append(loss.reach)
+        for changes in self._moved(ratio) if moved else ():
+            least, z = LEAST_PART * chi.value, float(quantile(level, np.inf))
+            pair = [
+                curve(max(chi.value + c, least), None if centre is None else centre + by) - value
+                for c, by in changes
+            ]
+            moved.append((value + z * np.minimum(*pair), value + z * np.maximum(*pair)))
+            reaches.append(z)
         known = flat >= float(np.asarray(contact.critical_velocity))
         unknown = np.full(len(flat), np.nan)
         low, high, errors = unknown, unknown, unknown
@@ -233,7 +284,11 @@ class Line:
             )
         else:
             step = loss.reach * loss.error
-            mean, low, high = special.expit(loss.mean + np.array([0.0, -step, step]))
+            z, moves = float(quantile(self.confidence, np.inf)), (0.0, 0.0)
+            if self.budget is not None:
+                moves = self.budget.moves(LOSS)
+            down, up = (float(np.hypot(step, z * move)) for move in moves)
+            mean, low, high = special.expit(loss.mean + np.array([0.0, -down, up]))
             lines.append(
                 f"the curve is ε, {above}, with ε_up {mean:.4g}{ends.format(low, high)}: the mean of logit "
                 "ε_up of the fitted materials with its whole scatter, in which the errors of the fits are"
@@ -243,6 +298,19 @@ class Line:
             text = f"warning: extrapolation: E/Y = {ratio:.4g}"
             lines.append(f"{text}, the fitted materials have {least:.4g} to {most:.4g}")
         return lines
+
+    def _moved(self, ratio: float) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+        """Changes of χ̃ at some E/Y and of logit ε_up by each uncertain input, moved up and down."""
+        if self.budget is None:
+            return []
+        of_chi = self.budget.of_sum("chi", self._weights(ratio))
+        return [
+            (
+                (part.up["chi"], own.up.get(LOSS, 0.0)),
+                (part.down["chi"], own.down.get(LOSS, 0.0)),
+            )
+            for part, own in zip(of_chi.inputs, self.budget.inputs, strict=True)
+        ]
 
     @property
     def _degrees(self) -> float:
@@ -258,8 +326,8 @@ class Line:
 
         A law at an end of its range has the least number there is, or rounds to its end.
         """
-        values = np.array([material.eps_up for material in self.materials], float)
-        logits = special.logit(values[(values > TINY) & (values < 1 - ROUNDING)])
+        logits = _logits([material.eps_up for material in self.materials])
+        logits = logits[np.isfinite(logits)]
         count = len(logits)
         if count < 2:
             return None
@@ -276,6 +344,12 @@ class Line:
 def _ratio(contact: sj.Contact | None) -> float:
     assert contact is not None
     return float(np.mean(np.asarray(contact.yield_ratio)))
+
+
+def _logits(eps_up: Sequence[float]) -> np.ndarray:
+    """logit ε_up; NaN of an end of its range."""
+    values = np.array(eps_up, float)
+    return special.logit(np.where((values > TINY) & (values < 1 - ROUNDING), values, np.nan))
 
 
 def _columns(materials: tuple[LineMaterial, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -321,7 +395,15 @@ def _rows(covariance: np.ndarray) -> tuple[tuple[float, float], tuple[float, flo
     return (a, b), (c, d)
 
 
-def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit] | None:
+class LineFit(NamedTuple):
+    """The line, and the fit on it, of the materials that have a χ̃ of their own."""
+
+    line: Line
+    request: Request
+    fit: ComponentFit
+
+
+def fit_line(request: Request, fits: list[ComponentFit]) -> LineFit | None:
     """The line through all materials with a χ̃ of their own; None where these have fewer than two E/Y.
 
     c1 and c2 are fitted to all curves with what else was free. That weighs a material by 1/u² of its χ̃, so its
@@ -334,7 +416,7 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
         return None
     has_noise = _have_noise(materials)
     c, normal, influence = _least_squares(x, chi, u**2 if has_noise else np.ones(len(x)))
-    joint = _on_one_line(request, with_chi, c)
+    own, joint = _on_one_line(request, with_chi, c)
     names, specs = [e.name for e in joint.component.elements], joint.component.specs
     places = [names.index(name) for name in LINE]
     values, slope, known = joint.theta[places], joint.slope[places], joint.uncertainty
@@ -362,10 +444,12 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> tuple[Line, StageFit
         area=contact.area,
         confidence=confidence,
     )
-    return line, joint.final
+    return LineFit(line, own, joint)
 
 
-def _on_one_line(request: Request, own: Sequence[Own], c: np.ndarray) -> ComponentFit:
+def _on_one_line(
+    request: Request, own: Sequence[Own], c: np.ndarray
+) -> tuple[Request, ComponentFit]:
     """The fit with c1 and c2 for every χ̃, and what else was free, from where each material ended.
 
     Args:
@@ -389,7 +473,78 @@ def _on_one_line(request: Request, own: Sequence[Own], c: np.ndarray) -> Compone
     options = {"law": "zhou", "starts": STARTS, "optimiser": "levenberg-marquardt"}
     joint = replace(request, datasets=datasets, parameters=parameters).with_options(**options)
     (component,) = assemble(joint)
-    return fit_component(component, joint.options)
+    return joint, fit_component(component, joint.options)
+
+
+def with_inputs(
+    found: LineFit,
+    inputs: Mapping[str, Sequence[Input]],
+    budget: Budget,
+    fits: Mapping[str, MaterialFit],
+) -> Line:
+    """The line with what uncertain inputs add: the fit on it is continued with each of them moved.
+
+    Args:
+        inputs: of each data set by its name.
+        budget: of the materials' own fits, whose laws move too.
+        fits: of the materials by themselves.
+    """
+    line, request = found.line, found.request
+    of_sets = [inputs[data.name] for data in request.datasets]
+    estimates = {name: getattr(line, name) for name in LINE}
+    of_line = budget_of(request, [found.fit], of_sets, estimates, {}, _coefficients)
+    if of_line is None:
+        return line
+    alone = {member: part for part in budget.inputs for member in part.members}
+    parts = []
+    for part in of_line.inputs:
+        up, down = _through_laws(line, alone[part.members[0]], fits)
+        parts.append(replace(part, up=part.up | up, down=part.down | down, laws={}))
+    of_line = replace(of_line, inputs=tuple(parts))
+    of = lambda estimate, label: widened(estimate, of_line, label, line.confidence)  # noqa: E731
+    added = of_line.covariance(LINE)
+    return replace(
+        line,
+        c1=of(line.c1, "c1"),
+        c2=of(line.c2, "c2"),
+        through_chi={name: of(line.through_chi[name], THROUGH[name]) for name in LINE},
+        covariance=line.covariance and _rows(np.array(line.covariance) + added),
+        budget=of_line,
+    )
+
+
+def _coefficients(fit: ComponentFit, problem: Problem, z: np.ndarray) -> dict[str, float]:
+    """c1 and c2 of the fit on the line."""
+    theta = problem.transform.physical(z)
+    pairs = zip(fit.component.elements, theta, strict=True)
+    return {e.name: float(value) for e, value in pairs if e.name in LINE}
+
+
+def _through_laws(
+    line: Line, part: Contribution, fits: Mapping[str, MaterialFit]
+) -> list[dict[str, float]]:
+    """Changes of the line through the fitted χ̃ and of the mean logit ε_up by one input, moved up and down."""
+    u = _columns(line.materials)[2]
+    variance = u**2 if _have_noise(line.materials) else np.ones(len(u))
+
+    def of(laws: Sequence[Any]) -> np.ndarray:
+        x, chi = np.array([(_ratio(law.contact), float(law.chi)) for law in laws]).T
+        logits = _logits([eps_up_of(law) for law in laws])
+        loss = np.mean(logits[np.isfinite(logits)]) if np.any(np.isfinite(logits)) else 0.0
+        return np.append(_least_squares(x, chi, variance)[0], loss)
+
+    base = [fits[material.name].law for material in line.materials]
+    ends = []
+    for side in range(2):
+        moved = [
+            jax.tree.unflatten(jax.tree.structure(law), part.laws[m.name][side])
+            if m.name in part.laws
+            else law
+            for law, m in zip(base, line.materials, strict=True)
+        ]
+        changes = (of(moved) - of(base)).tolist()
+        ends.append(dict(zip((*THROUGH.values(), LOSS), changes, strict=True)))
+    return ends
 
 
 def _with_errors(values: np.ndarray, covariance: np.ndarray, reach: Any) -> list[Estimate]:

@@ -24,7 +24,7 @@ from calibration.fitting.budget import Budget, budget_of, effects_of_one_per_cen
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
-from calibration.fitting.line import Line, fit_line
+from calibration.fitting.line import Line, fit_line, with_inputs
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
@@ -574,7 +574,7 @@ def _fitted(request: Request, stated: Mapping[str, Any] | None, tell: Progress) 
     found_warnings += [warning for material in ordered for warning in material.warnings]
     stages = [stage for fit in fits for stage in fit.stages]
     if line is not None:
-        stage = replace(line[1], report=replace(line[1].report, stage="Eq. (18)"))
+        stage = replace(line.fit.final, report=replace(line.fit.final.report, stage="Eq. (18)"))
         stages.append(stage)
         if not stage.ends.converged[0]:
             found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
@@ -584,7 +584,7 @@ def _fitted(request: Request, stated: Mapping[str, Any] | None, tell: Progress) 
     result = FitResult(
         request=request,
         materials=ordered,
-        unloading_line=None if line is None else line[0],
+        unloading_line=None if line is None else line.line,
         covariance_names=names,
         covariance=covariance,
         of_predictions=of_predictions,
@@ -611,7 +611,13 @@ def _fitted(request: Request, stated: Mapping[str, Any] | None, tell: Progress) 
     tell("inputs", 0, 1)
     curvature = dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     budget = budget_of(request, fits, inputs, result.estimates, curvature, results)
-    return result if budget is None else _widened(result, budget)
+    if budget is None:
+        return result
+    if line is not None:
+        named = dict(zip((data.name for data in request.datasets), inputs, strict=True))
+        alone = {material.name: material for material in ordered}
+        result = replace(result, unloading_line=with_inputs(line, named, budget, alone))
+    return _widened(result, budget)
 
 
 def _widened(result: FitResult, budget: Budget) -> FitResult:

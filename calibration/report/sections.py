@@ -313,6 +313,8 @@ def _line(line: Any) -> list[Block]:
         text += (
             f" Errors of c1 and c2 include the scatter about the line, {100 * line.scatter:.2g} %."
         )
+    if line.budget is not None and line.has_noise:
+        text += " They include what uncertain inputs add."
     return [
         Block("text", text),
         Block("table", pd.DataFrame(columns)),

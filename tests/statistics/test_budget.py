@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import special
 
 import calibration as cal
 import softjax as sj
@@ -187,3 +188,108 @@ def test_a_saved_budget_is_read_again(impacts, tmp_path):
     frame = again.budget.to_frame()
     assert list(frame["input"]) == ["contact.mass"]
     assert frame["unit"][0] == "kg"
+
+
+PLATE = (
+    'youngs_modulus = "{plate} GPa"\npoisson_ratio = 0.3\ndensity = 7850\nyield_strength = "2 GPa"'
+)
+ALLOY = """
+[[material]]
+name = "alloy {k}"
+youngs_modulus = "{modulus} GPa"
+poisson_ratio = 0.33
+density = 8500
+yield_strength = "{strength} MPa"
+diameter = "20 mm"
+uncertainty = 0.0005
+data = "{k}.csv"
+[material.wall]
+{wall}
+"""
+STRENGTHS = (220, 300, 400)
+
+
+def alloys(folder, moduli=("105",) * 3, plate="210"):
+    """A file of three alloys of one line, dropped on one plate."""
+    text = ""
+    for k, strength in enumerate(STRENGTHS):
+        wall = PLATE.format(plate=plate)
+        text += ALLOY.format(k=k, modulus=moduli[k], strength=strength, wall=wall)
+        alloy = sj.Material(1.05e11, 0.33, 8500.0, 1e6 * strength)
+        contact = sj.Contact.with_wall(alloy, sj.Material(2.1e11, 0.3, 7850.0, 2e9), 0.01)
+        chi = 0.05 + 0.004 * float(contact.yield_ratio)
+        law = sj.Zhou(contact, chi, 0.4 + 0.1 * k, 0.5)
+        v = np.round(float(contact.critical_velocity) * np.geomspace(1.5, 60, 12), 5)
+        noise = 0.0005 * np.random.default_rng(k).standard_normal(12)
+        e = np.round(np.asarray(sj.restitution(law, v).coefficient) + noise, 5)
+        rows = [f"{x},{y}" for x, y in zip(v, e, strict=True)]
+        (folder / f"{k}.csv").write_text("\n".join(["velocity [m/s],restitution", *rows]), "utf-8")
+    (folder / "alloys.toml").write_text(text, "utf-8")
+    return cal.read_toml(folder / "alloys.toml")
+
+
+def test_a_next_material_has_the_inputs_of_those_that_it_is_predicted_from(tmp_path):
+    """By hand: the file with the plate's E, which all share, or that of an alloy moved, read and fitted again."""
+
+    def line_of(*texts, **options):
+        return cal.fit(alloys(tmp_path, *texts), profiles=False, **options).unloading_line
+
+    line, alone = line_of(("105", "105 ± 4", "105"), "210 ± 20"), line_of()
+    next_alloy = sj.Material(1.05e11, 0.33, 8500.0, 2.6e8)
+    contact = sj.Contact.with_wall(next_alloy, sj.Material(2.1e11, 0.3, 7850.0, 2e9), 0.01)
+    v = float(contact.critical_velocity) * np.array([0.5, 3.0, 30.0])
+
+    def numbers(of):
+        mean = np.mean(special.logit([m.eps_up for m in of.materials]))
+        through = [of.through_chi[name].value for name in ("c1", "c2")]
+        values = [of.c1.value, of.c2.value, *through, of.unloading_factor(contact).value, mean]
+        return np.array([*values, *of.band(contact, v).coefficient[1:]])
+
+    by_hand = [
+        [line_of(("105",) * 3, "230"), line_of(("105",) * 3, "190")],
+        [line_of(("105", "109", "105")), line_of(("105", "101", "105"))],
+    ]
+    changes = np.array([[numbers(of) - numbers(alone) for of in pair] for pair in by_hand])
+    size = np.sqrt(np.sum((0.5 * (changes[:, 0] - changes[:, 1])) ** 2, axis=0))
+    down, up = (np.sqrt(np.sum(f(changes, axis=1) ** 2, axis=0)) for f in (np.min, np.max))
+
+    def errors(of):
+        both = of.c1, of.c2, *of.through_chi.values(), of.unloading_factor(contact)
+        return np.array(
+            [one.standard_error for one in both] + [*of.band(contact, v).standard_error[1:]]
+        )
+
+    shown = np.arange(8) != 5  # without the mean logit
+    added = np.sqrt(errors(line) ** 2 - errors(alone) ** 2)
+    weights = np.isin(np.arange(7), (2, 3))  # which of the line through χ̃ are moved by hand, too
+    np.testing.assert_allclose(added[~weights], size[shown][~weights], rtol=1e-2)
+    np.testing.assert_allclose(added[weights], size[shown][weights], rtol=0.1)
+    assert [len(part.members) for part in line.budget.inputs] == [3, 1]
+    np.testing.assert_allclose(numbers(line), numbers(alone), rtol=1e-6)
+    np.testing.assert_allclose(line.statistical_covariance, alone.covariance, rtol=1e-6)
+    # what an input moves to one side widens that side
+    of_chi, before = (of.unloading_factor(contact) for of in (line, alone))
+    z, value = 1.959964, before.value
+    low = np.exp(-np.hypot(np.log(value / before.low), z * down[4] / value))
+    high = np.exp(np.hypot(np.log(before.high / value), z * up[4] / value))
+    np.testing.assert_allclose([of_chi.low, of_chi.high], [value * low, value * high], rtol=1e-4)
+    band, bare = line.band(contact, v), alone.band(contact, v)
+    e = bare.coefficient[1:]
+    np.testing.assert_allclose(
+        [e - band.low[1:], band.high[1:] - e],
+        [np.hypot(e - bare.low[1:], z * down[6:]), np.hypot(bare.high[1:] - e, z * up[6:])],
+        rtol=1e-3,
+    )
+    ends = line.remarks(contact)[2].partition("interval ")[2].partition(":")[0]
+    logit = np.mean(special.logit([m.eps_up for m in alone.materials]))
+    found = alone.remarks(contact)[2].partition("interval ")[2].partition(":")[0]
+    wider = [
+        logit + sign * np.hypot(special.logit(float(end)) - logit, z * move)
+        for sign, end, move in zip((-1, 1), found.split(" to "), (down[5], up[5]), strict=True)
+    ]
+    np.testing.assert_allclose([float(x) for x in ends.split(" to ")], special.expit(wider), 1e-3)
+    again = cal.fit(alloys(tmp_path), profiles=False, inputs={"wall.youngs_modulus": "20 GPa"})
+    again.save(tmp_path / "fit.json")
+    loaded = cal.FitResult.load(tmp_path / "fit.json").unloading_line
+    assert loaded == again.unloading_line
+    assert len(loaded.budget.inputs) == 1
