@@ -85,7 +85,7 @@ class Rows(NamedTuple):
     low: Velocities | None = None
     high: Velocities | None = None
 
-    def some(self, which: Any) -> "Rows":
+    def select(self, which: Any) -> "Rows":
         """The rows of an index, a mask or a slice."""
         return Rows._make(None if column is None else column[which] for column in self)
 
@@ -175,7 +175,7 @@ def table_text(source: Source, rows: Rows, route: Route = None) -> str:
 
     Rows whose ε a fit does not determine are left out, and the header says so.
     """
-    rows = rows.some(np.isfinite(rows.coefficient))
+    rows = rows.select(np.isfinite(rows.coefficient))
     if np.any(np.diff(rows.velocity) <= 0):
         problem = "the velocities do not ascend"
         raise InputError(None, None, problem, "--table takes each velocity once, ascending")

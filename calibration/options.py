@@ -96,7 +96,7 @@ def route_named(name: str, **settings: Any) -> Any:
 
 
 def _route_entry(route: Any) -> Any:
-    """What files keep of a route; of one of the user's own its name."""
+    """Entry of a route in files; of one of the user's own its name."""
     if not hasattr(route, "name"):
         return route
     is_own = not type(route).__module__.startswith("softjax.")

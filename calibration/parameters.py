@@ -113,7 +113,7 @@ class Parameter(Strict):
         return self.value is None or is_finite_number(self.value)
 
     def range_within(self, declared: Declared) -> tuple[float, float]:
-        """Its bounds, drawn in to what the law's field declares; raises DataError outside."""
+        """Bounds of the parameter, drawn in to what the law's field declares; raises DataError outside."""
         low, high = self.bounds or (-math.inf, math.inf)
         lowest, highest = max(low, declared.lower), min(high, declared.upper)
         for bound, drawn in ((low, lowest), (high, highest)):
@@ -206,8 +206,8 @@ class Transform(NamedTuple):
 
     def highest(self) -> Vector:
         """The largest z; infinite where the upper bound is not reached, or there is none."""
-        over = np.where(np.isfinite(self.upper), self.upper - self._finite()[0], np.inf)
-        of_log = np.log(np.where(self.kind == LOG, over, 1.0))
+        span = np.where(np.isfinite(self.upper), self.upper - self._finite()[0], np.inf)
+        of_log = np.log(np.where(self.kind == LOG, span, 1.0))
         highest = np.where(self.kind == LOG, of_log, np.inf)
         return np.where(self.kind == NONE, self.upper, highest)
 

@@ -213,7 +213,7 @@ def measure(method: Method, scene: Scene) -> Row:
 
 
 def _timed(function: Callable, velocity: np.ndarray) -> tuple[Any, float, float]:
-    """What a function returns, the median of its µs a velocity, and by how many s its first call was longer."""
+    """Result of a function, the median of its µs a velocity, and how many s longer its first call took."""
     seconds: list[float] = []
     while sum(seconds[1:]) < (LONGEST if len(seconds) <= REPEATS else SHORTEST):
         start = time.perf_counter()

@@ -13,7 +13,7 @@ def covariance_of(data, slope=0.0, size=None, added=0.0):
         of_k = e.to_restitution[:, k] - slope * e.to_velocity[:, k]
         np.add.at(factors, (np.arange(n), e.index[:, k]), of_k)
     factors = factors[:, :-1] * sizes
-    alone = [0.0 if u is None else u for u in (e.restitution_alone, e.velocity_alone)]
+    alone = [0.0 if u is None else u for u in (e.u_restitution, e.u_velocity)]
     return factors @ factors.T + np.diag(
         alone[0] ** 2 + (slope * alone[1]) ** 2 + added + np.zeros(n)
     )

@@ -124,7 +124,7 @@ class Noted:
 
     def pytest_runtest_logstart(self, nodeid):
         ran.clear()
-        self.begun = sum(os.times()[:4])  # of this process and of those that it started
+        self.started = sum(os.times()[:4])  # of this process and of those that it started
 
     def pytest_runtest_logreport(self, report):
         if report.failed:
@@ -132,7 +132,7 @@ class Noted:
 
     def pytest_runtest_logfinish(self, nodeid):
         if nodeid not in self.failed:  # as some do that look at their own sources
-            self.seconds[nodeid] = sum(os.times()[:4]) - self.begun
+            self.seconds[nodeid] = sum(os.times()[:4]) - self.started
             for path in self.elsewhere.iterdir():
                 ran.update(json.loads(path.read_text(encoding="utf-8")))
                 path.unlink()

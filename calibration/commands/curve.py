@@ -131,8 +131,8 @@ def _write(folder: Path, formats: set[str], source: Any, rows: Any, route: Any) 
         label = source.name if kind == "Zhou" else f"{source.name}: {kind}"
         data = source.result and source.result.material(source.name).data
         banded = source.result or source.line
-        some = rows.some(slice(None, None, -(-len(rows.velocity) // DRAWN)))
-        some = some.some(np.argsort(some.velocity, kind="stable"))
+        some = rows.select(slice(None, None, -(-len(rows.velocity) // DRAWN)))
+        some = some.select(np.argsort(some.velocity, kind="stable"))
         confidence, yields_at = banded and banded.confidence, yield_velocity(source.law)
         of = "of the mean" if source.line is None else "of a further material"
         shown = (some, label, yields_at, data, confidence, of)

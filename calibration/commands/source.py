@@ -57,7 +57,7 @@ def read_source(arguments: argparse.Namespace) -> Source:
 
 
 def _take_material(arguments: argparse.Namespace) -> None:
-    """Of the words after `--set` the one without "=" is the material, where none stands elsewhere."""
+    """Take the word without "=" after `--set` as the material, where none is named elsewhere."""
     words = [word for word in arguments.set if "=" not in word]
     if words and (len(words) > 1 or arguments.source is not None):
         raise DataError("--set", words[-1], "NAME=VALUE")
@@ -286,7 +286,7 @@ def _dissipation_time(contact: sj.Contact, restitution: Any, velocity: Any) -> f
 
 
 def _stated(arguments: argparse.Namespace) -> dict[str, float | str]:
-    """What `--set` states, {name: value}."""
+    """Read the values of `--set`, {name: value}."""
     stated: dict[str, float | str] = {}
     for assignment in arguments.set:
         name, _, text = (part.strip() for part in assignment.partition("="))

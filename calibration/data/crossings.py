@@ -32,7 +32,7 @@ FEWEST_FOR_CONTACT = 3  # crossings from which c follows without knowledge of it
 
 
 class Crossing(NamedTuple):
-    """Where a flight, by its number, and the next one meet: time [s], height, their upward velocities there."""
+    """Meeting point of a flight, by its number, and the next one: time [s], height, their upward velocities there."""
 
     flight: int
     time: float

@@ -243,15 +243,15 @@ def joined(
     whole: list[Rows] = []
     square = 0.0  # Σ r² of the last of these
     for rows in pieces:
-        alone = _square(track, rows, pull, drag)
+        apart = _square(track, rows, pull, drag)
         if whole:
             both = np.concatenate([whole[-1], rows])
             together = _square(track, both, pull, drag)
-            if together - square - alone < COSTS * noise**2:
+            if together - square - apart < COSTS * noise**2:
                 whole[-1], square = both, together
                 continue
         whole.append(rows)
-        square = alone
+        square = apart
     return whole
 
 

@@ -165,7 +165,7 @@ def stated_inputs(stated: Mapping[str, Any] | None, names: Sequence[str]) -> lis
 
 
 class Source(Protocol):
-    """Where the inputs of a data set come from: what they are, and the data with some of them moved."""
+    """Inputs of a data set, and the data with some of them moved."""
 
     @property
     def stated(self) -> tuple[Input, ...]:
@@ -179,7 +179,7 @@ class Source(Protocol):
         """An input in SI; raises DataError for one that the data do not have."""
 
     def identity(self, name: str) -> Any:
-        """What the input is of: inputs of one identity, in whatever data set, have one error."""
+        """Identity of an input: inputs of one identity, in whatever data set, have one error."""
 
     def moved(self, data: Any, moves: Mapping[str, float]) -> Any:
         """The data, read again with these changes of inputs [SI]."""

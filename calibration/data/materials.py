@@ -167,7 +167,7 @@ class BodyTable(Strict):
         return known
 
     def moved(self, name: str, change: float) -> "BodyTable":
-        """The same with another value of one input."""
+        """Move one input to another value."""
         value = self.value_of(name)
         assert value is not None
         own: dict[str, Any] = {}

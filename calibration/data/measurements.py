@@ -323,7 +323,7 @@ class RestitutionData:
         rows = np.flatnonzero(np.isfinite(self.restitution))
         columns = {name: getattr(self, name) for name in ("limit_velocity", "group", "degrees")}
         columns = {name: x[rows] if np.ndim(x) else x for name, x in columns.items()}
-        errors = self.errors.some(rows)
+        errors = self.errors.select(rows)
         return RestitutionData(
             self.velocity[rows], self.restitution[rows], errors=errors, **columns
         )
@@ -491,7 +491,7 @@ class RestitutionData:
         if self.errors is None:
             if of_eps is not None:
                 of_eps = np.where(np.isnan(self.restitution), 1.0, of_eps)
-            self._set(errors=PointErrors.alone(len(self), of_eps, of_v))
+            self._set(errors=PointErrors.independent(len(self), of_eps, of_v))
         elif len(self.errors) != len(self):
             accepted = f"of as many points as `velocity`, {len(self)}"
             raise DataError("errors", f"of {len(self.errors)}", accepted)

@@ -46,7 +46,7 @@ class Range(NamedTuple):
         return bool(np.any(value > FAR * self.highest) or np.any(value < self.lowest / FAR))
 
     def refusal(self, name: str, value: float) -> tuple[str, str]:
-        """What is wrong with such a number, and what is accepted."""
+        """Words for a number that is refused: what is wrong with it, and what is accepted."""
         problem = f"{name} is {value:.3g} {self.unit}, more than 100 times outside {self.accepted}"
         accepted = f'is its unit missing, as in "{value:.4g} {self.usual}"?'
         return problem, f"{accepted} plausibility = false takes it as it is"

@@ -16,8 +16,8 @@ Index = Int[np.ndarray, "n k"]
 class PointErrors:
     """Errors of n points, linear in m independent input errors e, and independent errors of each point:
 
-        δε_i = Σ_k to_restitution[i, k] e[index[i, k]] + error of ε_i alone
-        δv_i = Σ_k to_velocity[i, k] e[index[i, k]] + error of v_i alone
+        δε_i = Σ_k to_restitution[i, k] e[index[i, k]] + independent error of ε_i
+        δv_i = Σ_k to_velocity[i, k] e[index[i, k]] + independent error of v_i
 
     Two velocities, or two heights, of a point are input errors that enter both its ε and its
     v. Each interval of a bounce sequence enters two points, each time of a bounce three, and each error of
@@ -31,8 +31,8 @@ class PointErrors:
             it is unknown, one and the same for all, and to be estimated.
         kind: what the input errors are of, by its name in `calibration.data.kinds.KINDS`; "" where
             there are none.
-        restitution_alone: (n,), independent standard uncertainty of each ε; None: not stated.
-        velocity_alone: (n,) [m/s], the same of each v.
+        u_restitution: (n,), independent standard uncertainty of each ε; None: not stated.
+        u_velocity: (n,) [m/s], the same of each v.
         by_drag: (n, 2), ∂ε_i/∂c and ∂v_i/∂c [m/s] of points from flights in air, where the drag
             coefficient is (1 + c) that of `calibration.data.air`, with one c for all; None without.
 
@@ -45,8 +45,8 @@ class PointErrors:
     to_velocity: Slopes
     size: Column | None
     kind: str = ""
-    restitution_alone: Column | None = None
-    velocity_alone: Column | None = None
+    u_restitution: Column | None = None
+    u_velocity: Column | None = None
     by_drag: Float[np.ndarray, "n 2"] | None = None
 
     def __post_init__(self):
@@ -56,27 +56,27 @@ class PointErrors:
                 view = array.view()  # the caller's own stays as it is
                 view.setflags(write=False)
                 object.__setattr__(self, name, view)
-        if self.restitution_alone is not None:
-            require_size("uncertainty", self.restitution_alone)
-        if self.velocity_alone is not None:
+        if self.u_restitution is not None:
+            require_size("uncertainty", self.u_restitution)
+        if self.u_velocity is not None:
             speed = "a speed of 0 m/s or more"
-            require("velocity_uncertainty", self.velocity_alone, lambda u: u >= 0, speed)
+            require("velocity_uncertainty", self.u_velocity, lambda u: u >= 0, speed)
         if self.size is not None:
             size = f"uncertainty of the {self.kind}"
             require(size, self.size, lambda u: u >= 0, "a number of 0 or more")
 
     @classmethod
-    def alone(cls, count: int, restitution=None, velocity=None) -> "PointErrors":
+    def independent(cls, count: int, restitution=None, velocity=None) -> "PointErrors":
         """Points without shared errors."""
         index = np.broadcast_to(-1, (count, TOUCHED))  # takes no memory
         none = np.broadcast_to(0.0, (count, TOUCHED))
         return cls(index, none, none, np.zeros(0), "", restitution, velocity)
 
-    def some(self, rows: Int[np.ndarray, " k"]) -> "PointErrors":
+    def select(self, rows: Int[np.ndarray, " k"]) -> "PointErrors":
         """Select points, which share no input error with the others."""
         index, back = np.unique(self.index[rows], return_inverse=True)
         index, back = index[index >= 0], back.reshape(len(rows), -1) - np.any(index < 0)
-        names = ("to_restitution", "to_velocity", "restitution_alone", "velocity_alone", "by_drag")
+        names = ("to_restitution", "to_velocity", "u_restitution", "u_velocity", "by_drag")
         chosen = {name: getattr(self, name) for name in names}
         chosen = {name: column[rows] for name, column in chosen.items() if column is not None}
         size = None if self.size is None else self.size[index]
@@ -98,26 +98,28 @@ class PointErrors:
     @property
     def uncertainty(self) -> Column | None:
         """Standard uncertainty of ε, (n,), of all stated errors; None if none is stated."""
-        return self._total(self.restitution_alone, self.to_restitution)
+        return self._total(self.u_restitution, self.to_restitution)
 
     @property
     def velocity_uncertainty(self) -> Column | None:
         """Standard uncertainty of v [m/s], (n,), of all stated errors; None if none is stated."""
-        return self._total(self.velocity_alone, self.to_velocity)
+        return self._total(self.u_velocity, self.to_velocity)
 
-    def _total(self, alone: Column | None, slopes: Slopes) -> Column | None:
-        """√(alone² + Σ shared²) by `hypot`, which does not overflow on the way."""
+    def _total(self, independent: Column | None, slopes: Slopes) -> Column | None:
+        """√(independent² + Σ shared²) by `hypot`, which does not overflow on the way."""
         with np.errstate(all="ignore"):
             shared = slopes * self.sizes_at(0.0)
-        if alone is None and not np.any(shared):
+        if independent is None and not np.any(shared):
             return None
-        return reduce(np.hypot, shared.T, np.zeros(len(self)) if alone is None else alone)
+        return reduce(
+            np.hypot, shared.T, np.zeros(len(self)) if independent is None else independent
+        )
 
     def variance(self, slope: Column) -> Column:
         """Variance of δε - slope δv of each point, (n,), of all stated errors."""
         shared = (self.to_restitution - slope[:, None] * self.to_velocity) * self.sizes_at(0.0)
-        alone = (self.restitution_alone, self.velocity_alone)
-        of_eps, of_v = (0.0 if part is None else part for part in alone)
+        independent = (self.u_restitution, self.u_velocity)
+        of_eps, of_v = (0.0 if part is None else part for part in independent)
         return np.sum(shared**2, axis=1) + of_eps**2 + (slope * of_v) ** 2
 
     @property

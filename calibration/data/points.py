@@ -412,18 +412,18 @@ def _check_assumed(rows: Rows, first: Column) -> None:
 
 def _with_own(errors: PointErrors, rows: Rows, velocity: Column, restitution: Column):
     """The errors with what is stated of each ε and each v, and remarks on it."""
-    alone = rows.uncertainty("uncertainty", restitution)
+    u = rows.uncertainty("uncertainty", restitution)
     of_velocity = rows.uncertainty("velocity_uncertainty", velocity)
     remarks: tuple[str, ...] = ()
-    if alone is not None:
-        alone = np.where(np.isnan(restitution), 1.0, alone)  # of what was not measured
+    if u is not None:
+        u = np.where(np.isnan(restitution), 1.0, u)  # of what was not measured
         if errors.size_is_unknown:  # stated of each ε: nothing is left to estimate
-            errors = replace(PointErrors.alone(len(errors)), by_drag=errors.by_drag)
+            errors = replace(PointErrors.independent(len(errors)), by_drag=errors.by_drag)
         elif errors.measured_by.has_readings:
             remarks = (f"uncertainty is added to that of the {errors.kind}",)
     if errors.measured_by.has_velocity:
         of_velocity = None
-    return replace(errors, restitution_alone=alone, velocity_alone=of_velocity), remarks
+    return replace(errors, u_restitution=u, u_velocity=of_velocity), remarks
 
 
 # ---------------------------------------------------------------- single impacts, one a row
@@ -438,7 +438,7 @@ def _single_impacts(rows: Rows) -> Points:
         else:
             velocity = rows.columns["velocity"]
             restitution = rows.columns.get("restitution", np.full(count, np.nan))
-            errors, remarks = PointErrors.alone(count), ()
+            errors, remarks = PointErrors.independent(count), ()
         errors, added = _with_own(errors, rows, velocity, restitution)
     return Points(velocity, restitution, errors, complete, (*left_out, *remarks, *added))
 
@@ -484,7 +484,7 @@ def _of_pairs(rows: Rows) -> tuple[Column, Column, PointErrors, tuple[str, ...]]
     index = paired(len(first))
     velocity, restitution, errors, added = _impacts(rows, first, second, floor, index, every_size)
     if sizes is None:
-        errors = replace(PointErrors.alone(len(first)), by_drag=errors.by_drag)
+        errors = replace(PointErrors.independent(len(first)), by_drag=errors.by_drag)
     restitution = np.where(is_measured, restitution, np.nan)
     return velocity, restitution, errors, (*remarks, *stated, *added)
 

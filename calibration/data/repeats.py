@@ -42,8 +42,10 @@ def average(velocity: Values, restitution: Values, errors: PointErrors, group=No
     to_eps, to_v = errors.to_restitution * sizes, errors.to_velocity * sizes
     of_eps: Values | None
     of_eps, of_v = (
-        total(weight**2 * (np.sum(part**2, axis=1) + (0.0 if alone is None else alone**2)))
-        for part, alone in ((to_eps, errors.restitution_alone), (to_v, errors.velocity_alone))
+        total(
+            weight**2 * (np.sum(part**2, axis=1) + (0.0 if independent is None else independent**2))
+        )
+        for part, independent in ((to_eps, errors.u_restitution), (to_v, errors.u_velocity))
     )
     joint = total(weight**2 * np.sum(to_eps * to_v, axis=1))
     degrees = None
@@ -71,8 +73,8 @@ def _repeats(velocity: Values, group) -> tuple[Int[np.ndarray, " n"], Int[np.nda
 def _errors_of(of_eps: Values | None, of_v: Values, joint: Values, velocity_known: bool):
     """Errors of these variances and covariance: two input ones a point, where ε and v share."""
     if not np.any(joint):
-        alone = None if of_eps is None else np.sqrt(of_eps)
-        return PointErrors.alone(len(of_v), alone, np.sqrt(of_v) if velocity_known else None)
+        u_eps = None if of_eps is None else np.sqrt(of_eps)
+        return PointErrors.independent(len(of_v), u_eps, np.sqrt(of_v) if velocity_known else None)
     spread = np.sqrt(of_v)
     common = joint / np.where(spread > 0, spread, 1.0)
     rest = np.sqrt(np.maximum(of_eps - common**2, 0.0))

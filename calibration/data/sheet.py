@@ -216,7 +216,7 @@ class Sheet(Mapping[str, Any]):
         return self.numbers_at(self.headers.index(header), name)
 
     def numbers_at(self, at: int, name: str) -> np.ndarray:
-        """The same of a column by its place, as the headings of tracks may be there twice."""
+        """Numbers of a column by its place, as the headings of tracks may be there twice."""
         cells = [cells[at] for _, cells in self.rows]
         values = np.array(list(map(self._number, cells)))
         for k in np.flatnonzero(~np.isfinite(values)):

@@ -75,7 +75,7 @@ def combined(faults: Iterable[InputError]) -> InputError:
 def _faults(
     path: str | Path, lines: Mapping[Place, int], reported: Any, model: type[Strict]
 ) -> Iterator[InputError]:
-    """What pydantic found at one place, each fault with its line."""
+    """List the faults that pydantic found at one place, each with its line."""
     place, cause = reported["loc"], reported.get("ctx", {}).get("error")
     if not isinstance(cause, Refused):
         yield _fault(path, lines, reported, model)

@@ -100,7 +100,7 @@ class TrackColumns(NamedTuple):
 
 
 def read_track_header(text: str) -> TrackHeader:
-    """What one heading means in a table of tracks."""
+    """Read one heading of a table of tracks."""
     rest, run = str(text).strip(), ""
     if ":" in rest:  # Logger Pro: the data set, then the quantity
         run, _, rest = (part.strip() for part in rest.rpartition(":"))

@@ -32,7 +32,7 @@ IN_METRES = "no unit of the heights, assuming metres"
 
 
 class TrackOptions(NamedTuple):
-    """What is stated of tracks outside the table; None: not stated.
+    """Options of tracks outside the table; None: not stated.
 
     Attributes:
         frame_rate: frames a second, in place of the times.
@@ -143,7 +143,7 @@ def read_tracks(
 
 
 def _gain(in_air: list[tuple[_Film, BounceTrack]], bare: list[tuple[_Film, BounceTrack]]) -> float:
-    """By how much χ² of all frames is lower without air; 0 where other impacts are read then."""
+    """Gain of χ² of all frames without air; 0 where other impacts are read then."""
     pairs = [(a, b) for (_, a), (_, b) in zip(in_air, bare, strict=False)]
     if [len(a) for _, a in in_air] != [len(b) for _, b in bare]:
         return 0.0

@@ -75,7 +75,7 @@ NO_DRAG = (
 
 
 class Setting(NamedTuple):
-    """What is known of a track.
+    """Known settings of a track.
 
     Attributes:
         gravity: g [m/s²].
@@ -406,7 +406,7 @@ class _Reading:
         return self._seen(on_floor, flights, notes), notes
 
     def _on_floor(self, crossings: Sequence[Crossing]) -> list[Crossing]:
-        """Those at the height of the others."""
+        """Select crossings at the height of the others."""
         if len(crossings) < FEWEST_FOR_CONTACT:
             return list(crossings)
         heights = np.array([crossing.height for crossing in crossings])
@@ -414,7 +414,7 @@ class _Reading:
         return [crossing for crossing, is_off in zip(crossings, off, strict=True) if not is_off]
 
     def _seen(self, crossings: Sequence[Crossing], flights: Sequence[Flight], notes: list[str]):
-        """Those whose flights have most of the frames until the impacts before and after."""
+        """Select impacts whose flights have most of the frames until the impacts before and after."""
         at = {crossing.flight: crossing.time for crossing in crossings}
         seen = []
         for crossing in crossings:
@@ -488,7 +488,7 @@ class _Reading:
         return air.remarks(impacts.velocity, impacts.restitution, before)
 
     def _with_drag(self, crossings: Sequence[Crossing], factor: float) -> Impacts:
-        """The same impacts by the same frames with another drag coefficient."""
+        """Read the same frames with another drag coefficient."""
         pull = self.pull
         flights = self._flights(factor)
         again = [
@@ -575,7 +575,7 @@ def _spans(without: Sequence[tuple[float, float, str]]) -> list[str]:
 
 
 def _smoothed(flights: Sequence[Flight], degrees: int) -> str:
-    """What residuals of neighbouring frames have in common."""
+    """Correlation of the residuals of neighbouring frames."""
     products = sum(float(f.residuals[1:] @ f.residuals[:-1]) for f in flights)
     correlation = products / max(sum(flight.square for flight in flights), 1e-300)
     if correlation <= max(ALIKE, 4 / np.sqrt(degrees)):

@@ -142,10 +142,10 @@ def launches_of(columns: Sequence[Unused]) -> tuple[list[str], list[str]] | None
         return None
     changes = [np.array(labels[1:]) != np.array(labels[:-1]) for *_, labels in used]
     # one column may have all the changes
-    alone = [
+    sufficient = [
         one for one, own in zip(used, changes, strict=True) if np.all(own | ~np.any(changes, 0))
     ]
-    used = alone[:1] or used
+    used = sufficient[:1] or used
     rows = zip(*(labels for *_, labels in used), strict=True)
     return [heading for _, heading, _ in used], [" ".join(row) for row in rows]
 

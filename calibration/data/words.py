@@ -89,7 +89,7 @@ def tokens(heading: str) -> list[str]:
 
 
 def unit_in(heading: str) -> str | None:
-    """What stands in the last brackets of a heading."""
+    """Text in the last brackets of a heading."""
     match = re.search(r"[\[(]([^\[\]()]*)[\])]\s*$", heading)
     return match[1].strip() if match else None
 

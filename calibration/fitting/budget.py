@@ -51,7 +51,7 @@ ResultsOf = Callable[[ComponentFit, Problem, np.ndarray], dict[str, float]]
 
 @dataclass(frozen=True)
 class Contribution:
-    """What one input moves.
+    """Effect of one input on all results.
 
     Attributes:
         name: of the input, "youngs_modulus" or "wall.yield_strength".
@@ -294,7 +294,7 @@ def _moved_fits(
         if not {*fit.component.sets} & {*moves}:
             continue
         component, problem = moved_problem(request, fit, moves)
-        end = search(problem, fit.z[None], begun=fit.begun[None], limit=STEPS)
+        end = search(problem, fit.z[None], reference_start=fit.reference_start[None], limit=STEPS)
         results = results_of(fit, problem, end.z[0])
         changes |= {label: value - base[k][label] for label, value in results.items()}
         theta = problem.transform.physical(end.z[0])
@@ -338,7 +338,9 @@ def moved_problem(
     return component, replace(problem, **kept)
 
 
-def widened(estimate: Estimate, budget: Budget, label: str, confidence: float) -> Estimate:
+def with_input_uncertainty(
+    estimate: Estimate, budget: Budget, label: str, confidence: float
+) -> Estimate:
     """An estimate with the combined standard uncertainty and the widened interval."""
     if estimate.value is None or estimate.method == "fixed":
         return estimate

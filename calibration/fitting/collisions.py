@@ -54,7 +54,7 @@ class LawShape(NamedTuple):
         return cls(tree, names, shared, law.default_route())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """By a law of this structure: in a copy of the structure itself Equinox does not know its own marks."""
+        """Pickle by a law of this structure: in a copy of the structure itself Equinox does not know its own marks."""
         law = jax.tree.unflatten(self.tree, [0.0] * len(self.names))
         return _shape, (law, *self[1:])
 
@@ -137,7 +137,7 @@ class Laws:
         return self.law(theta, rows[0] if np.all(rows == rows[0]) else rows, jnp)
 
     def bind(self, theta: Float[np.ndarray, " p"], active: Sequence[int] | np.ndarray) -> "Laws":
-        """The same with the structure of the laws, and which of their leaves move with active elements."""
+        """Add the structure of the laws, and which of their leaves move with active elements."""
         law = self.law(theta, 0)
         shape, leaves = LawShape.of(law), jax.tree.leaves(law)
         free = np.flatnonzero(np.any(np.isin(self.element, list(active)), axis=1)).tolist()
@@ -317,7 +317,7 @@ def root(squared: Any, xp: Any = np) -> Any:
 
 
 def root_slope(squared: np.ndarray) -> np.ndarray:
-    """Its derivative."""
+    """Derivative of `root`."""
     s = BENT_SQUARED
     u = np.clip((squared + s) / (2 * s), 0.0, 1.0)
     plain = 0.5 / np.sqrt(np.maximum(squared, s))

@@ -22,7 +22,7 @@ from calibration.fitting.errors import Errors
 from calibration.fitting.material import Band, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem, block_name
 from calibration.fitting.request import WIDE
-from calibration.fitting.uncertainty import freedom_of, quantile
+from calibration.fitting.uncertainty import dof_of, quantile
 from calibration.observables import PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
@@ -32,7 +32,7 @@ SLOWEST = 1e-6  # of the highest velocity: nothing is dropped from no height
 LEAST_REBOUND = 1e-3  # of ε, of a bounce that is planned
 NO_VARIANCE = 1e-12  # of the largest, below which that of a direction is none
 HIDDEN = 1e-3  # of a slope, from which on a part along what is not determined counts
-MOVES = 1e-6  # of a prediction, by a parameter that acts on no point
+AFFECTS = 1e-6  # of a prediction, by a parameter that acts on no point
 ALIKE = 1e-3  # relative spread up to which stated uncertainties count as equal
 
 Velocity = Float[np.ndarray, "n"]
@@ -99,7 +99,7 @@ def band(
     rows = [result.covariance_names.index(label) for label in labels]
     covariance = result.of_predictions[np.ix_(rows, rows)]
     block = block_name(material.name, observable)
-    freedom = freedom_of(result.freedoms, material.name, labels)
+    dof = dof_of(result.dof_by_component, material.name, labels)
     hidden = _Hidden.of(result)
     route = result.request.route_of_curve(material.model.law_type)
     is_eps, further = observable == RESTITUTION, kind == "prediction"
@@ -110,20 +110,22 @@ def band(
 
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
         value, slope = curve_and_slopes(material, velocity, route, observable)
-        carried = np.maximum(np.einsum("ni,ij,nj->n", slope, covariance, slope), 0.0)
+        variance_of_curve = np.maximum(np.einsum("ni,ij,nj->n", slope, covariance, slope), 0.0)
         if result.budget is not None:
-            carried += result.budget.curve_error(material, velocity, observable, impact) ** 2
-        carried[hidden.moves(value, slope, rows)] = np.nan
-        degrees = freedom.degrees(labels, slope, carried, block, {})
-        reach = quantile(confidence, degrees) * np.sqrt(carried)
+            variance_of_curve += (
+                result.budget.curve_error(material, velocity, observable, impact) ** 2
+            )
+        variance_of_curve[hidden.affects(value, slope, rows)] = np.nan
+        degrees = dof.satterthwaite(labels, slope, variance_of_curve, block, {})
+        reach = quantile(confidence, degrees) * np.sqrt(variance_of_curve)
         if not further:
-            return value, value - reach, value + reach, np.sqrt(carried)
+            return value, value - reach, value + reach, np.sqrt(variance_of_curve)
         at = lambda v: curve_and_slopes(material, v, route, observable)[0]  # noqa: E731
         scale = 1.0 if is_eps else value**2  # variances of others are relative
         variances = further_variances(material, velocity, at, observable)
         added = {name: scale * variance for name, variance in variances.items()}
-        error = np.sqrt(carried + sum(added.values()))
-        degrees = freedom.degrees(labels, slope, error**2, block, added)
+        error = np.sqrt(variance_of_curve + sum(added.values()))
+        degrees = dof.satterthwaite(labels, slope, error**2, block, added)
         if of_noise is not None:
             degrees = of_noise.family.predictive_degrees(degrees)
         # more degrees of freedom do not make one measurement surer than the mean
@@ -141,32 +143,32 @@ class _Hidden(NamedTuple):
 
     size: Float[np.ndarray, " p"]  # unit of each parameter that is part of one, else 0
     directions: Float[np.ndarray, "p n"]  # in these units, orthonormal
-    alone: Float[np.ndarray, " p"]  # |θ| of each that acts on no point, else 0
+    unseen: Float[np.ndarray, " p"]  # |θ| of each that acts on no point, else 0
 
     @classmethod
     def of(cls, result: Any) -> "_Hidden":
-        """From the covariance, which has no variance along them."""
+        """Find the directions in the covariance, which has no variance along them."""
         estimates = [result.estimates.get(name) for name in result.covariance_names]
         variance = np.diagonal(result.of_predictions)
         left_out = ~np.isfinite(np.diagonal(result.covariance)) & np.isfinite(variance)
         left_out &= np.array([e is not None for e in estimates], bool)  # no weights of a network
         size = np.where(left_out, np.sqrt(variance), 0.0)
         value = [abs(e.value or 0.0) if e and not e.at_bound else 0.0 for e in estimates]
-        alone = np.where(left_out & (size == 0), value, 0.0)
+        unseen = np.where(left_out & (size == 0), value, 0.0)
         some = np.flatnonzero(size)
         directions = np.zeros((len(size), len(some)))
         if len(some):
             block = result.of_predictions[np.ix_(some, some)] / np.outer(size[some], size[some])
             values, vectors = np.linalg.eigh(block)
             directions[some] = vectors * (values < NO_VARIANCE * values[-1])
-        return cls(size, directions, alone)
+        return cls(size, directions, unseen)
 
-    def moves(self, value: Velocity, slope: Any, rows: Sequence[int]) -> np.ndarray:
-        """Where they move the curve, which has the slopes `slope` in the parameters of `rows`."""
+    def affects(self, value: Velocity, slope: Any, rows: Sequence[int]) -> np.ndarray:
+        """Whether they move the curve at each velocity, where it has the slopes `slope` in the parameters of `rows`."""
         scaled = slope * self.size[rows]
         part = np.linalg.norm(scaled @ self.directions[rows], axis=1)
-        alone = np.max(np.abs(slope) * self.alone[rows], axis=1, initial=0.0)
-        return (part > HIDDEN * np.linalg.norm(scaled, axis=1)) | (alone > MOVES * np.abs(value))
+        unseen = np.max(np.abs(slope) * self.unseen[rows], axis=1, initial=0.0)
+        return (part > HIDDEN * np.linalg.norm(scaled, axis=1)) | (unseen > AFFECTS * np.abs(value))
 
 
 def band_of(
@@ -285,14 +287,14 @@ def like_measured(
         return np.interp(at, velocity[order], sizes[order])
 
     kind = errors.measured_by
-    u, u_v = errors.restitution_alone, errors.velocity_alone
+    u, u_v = errors.u_restitution, errors.u_velocity
     # of a pair of velocities v is one of the two
     u_v = None if u_v is None or kind.has_velocity else like(u_v, velocity, at)
     gravity = kind.gravity(velocity, errors.to_velocity)
     table = kind.readings(at, np.maximum(expected, LEAST_REBOUND), gravity)
     if not table:  # v and ε themselves are stated
         u = errors.uncertainty
-        return PointErrors.alone(len(at), None if u is None else like(u), u_v)
+        return PointErrors.independent(len(at), None if u is None else like(u), u_v)
     stated = {"uncertainty": None if u is None else like(u), "velocity_uncertainty": u_v}
     each = len(next(iter(table.values()))) // len(at)  # rows of a point
     options = {name: np.repeat(x, each) for name, x in stated.items() if x is not None}

@@ -45,7 +45,7 @@ import numpy as np
 from jaxtyping import Int
 
 from calibration.data import PointErrors, RestitutionData
-from calibration.fitting.noise import LN_2PI, Family, Normal, family_of, over
+from calibration.fitting.noise import LN_2PI, Family, Normal, broadcast_variance, family_of
 from calibration.observables import Observed
 from calibration.options import FitOptions
 
@@ -61,12 +61,12 @@ CALLED = {"scatter": "noise"}  # in θ the square root of a variance; others hav
 Variances = Mapping[str, Any]
 
 
-class Carried(NamedTuple):
+class MeasuredCurve(NamedTuple):
     """The curve with uncertain velocities: mean of ε, g = dε/dv, and c; see above."""
 
     mean: Any
     slope: Any
-    bend: Any
+    curvature_variance: Any
 
 
 class Factor(NamedTuple):
@@ -105,13 +105,13 @@ class Errors:
         points, degrees = data.errors, data.degrees
         log_unit: Any = 0.0
         if observed is not None:
-            alone = observed.in_parts
+            of_eps = observed.in_parts
             u_v = data.velocity_uncertainty
             of_velocity = None if u_v is None else u_v[rows]
-            points = PointErrors.alone(len(rows), alone, of_velocity)
+            points = PointErrors.independent(len(rows), of_eps, of_velocity)
             degrees, log_unit = None, np.log(observed.scale)
         elif len(rows) < len(data):
-            points = points.some(rows)
+            points = points.select(rows)
             degrees = degrees if np.ndim(degrees) == 0 else degrees[rows]
         stated = points.uncertainty is not None
         group = data.group_index
@@ -147,7 +147,7 @@ class Errors:
     def known(cls, velocity: np.ndarray, variance: Any) -> "Errors":
         """Independent errors of known variance."""
         deviation = np.sqrt(np.broadcast_to(variance, len(velocity)))
-        points = PointErrors.alone(len(velocity), np.maximum(deviation, 1e-150))
+        points = PointErrors.independent(len(velocity), np.maximum(deviation, 1e-150))
         return cls(points, None, (), Normal(), None, velocity, np.inf)
 
     def __len__(self) -> int:
@@ -161,7 +161,7 @@ class Errors:
     @property
     def is_plain(self) -> bool:
         """Whether one scatter of single points is all that there is."""
-        nothing = self.points.uncertainty is None and not self.has_slope
+        nothing = self.points.uncertainty is None and not self.has_velocity_errors
         return nothing and set(self.unknown) <= {"scatter"} and not self.shares
 
     @property
@@ -170,9 +170,9 @@ class Errors:
         return self.group is not None or self.points.shares
 
     @cached_property
-    def has_slope(self) -> bool:
+    def has_velocity_errors(self) -> bool:
         """Whether V depends on the curve: velocities have errors."""
-        return bool(np.any(self.points.to_velocity)) or bool(np.any(self._velocity_alone))
+        return bool(np.any(self.points.to_velocity)) or bool(np.any(self._u_velocity))
 
     @property
     def units(self) -> Int[np.ndarray, " n"]:
@@ -188,7 +188,7 @@ class Errors:
     @property
     def is_fixed(self) -> bool:
         """Whether V is diagonal and does not move with the law's parameters."""
-        return not (self.shares or self.has_slope)
+        return not (self.shares or self.has_velocity_errors)
 
     # ------------------------------------------------------------------ errors of velocities
 
@@ -203,7 +203,7 @@ class Errors:
         unclipped = self.velocity + NODES[:, None] * self.steps
         return np.clip(unclipped, SLOWEST * self.velocity, self.fastest)
 
-    def carried(self, value: Any) -> Carried:
+    def measured_curve(self, value: Any) -> MeasuredCurve:
         """Mean of ε from its values at the nodes, (..., 5, n)."""
         shares, ratio = SHARES[:, None], (self._of_velocity / self.steps) ** 2
         mean = (shares * value).sum(-2)
@@ -211,20 +211,20 @@ class Errors:
         beyond = (shares * (value - mean[..., None, :]) ** 2).sum(-2) - (slope * self.steps) ** 2
         first = value[..., 0, :]
         of_shift = (slope - self._pull) * self.shift
-        return Carried(first + ratio * (mean - first) + of_shift, slope, ratio**2 * beyond)
+        return MeasuredCurve(first + ratio * (mean - first) + of_shift, slope, ratio**2 * beyond)
 
-    def carried_slopes(self, value: Any, per: Any, slope: Any) -> Carried:
+    def measured_curve_slopes(self, value: Any, per: Any, slope: Any) -> MeasuredCurve:
         """Mean of the derivatives from their values at the nodes, (..., 5, n, p); `slope` is g."""
         shares, ratio = SHARES[:, None, None], ((self._of_velocity / self.steps) ** 2)[:, None]
         steps, x = self.steps[:, None], NODES[:, None, None]
         mean = (SHARES[:, None] * value).sum(-2)
         of_mean = (shares * per).sum(-3)
         of_slope = (shares * x * per).sum(-3) / steps
-        off = (value - mean[..., None, :])[..., None]
-        beyond = 2 * (shares * off * per).sum(-3) - 2 * slope[..., None] * steps**2 * of_slope
+        deviation = (value - mean[..., None, :])[..., None]
+        beyond = 2 * (shares * deviation * per).sum(-3) - 2 * slope[..., None] * steps**2 * of_slope
         first = per[..., 0, :, :]
         of_mean = first + ratio * (of_mean - first) + of_slope * self.shift[:, None]
-        return Carried(of_mean, of_slope, ratio**2 * beyond)
+        return MeasuredCurve(of_mean, of_slope, ratio**2 * beyond)
 
     def changes(self, s: Variances, slope: Any) -> tuple[Any, Any]:
         """½ ∂V_ii/∂g and ½ ∂V_ii/∂c of each point."""
@@ -233,34 +233,37 @@ class Errors:
 
     # ------------------------------------------------------------------ V
 
-    def variance(self, s: Variances, slope: Any, bend: Any) -> Any:
+    def variance(self, s: Variances, slope: Any, curvature_variance: Any) -> Any:
         """V_ii without the groups' part."""
         u_eps, u_v, both = self._moments
-        stated = u_eps + slope * (slope * u_v - 2 * both) + bend
-        return self._size(s) * stated + over(s.get("scatter", 0.0))
+        stated = u_eps + slope * (slope * u_v - 2 * both) + curvature_variance
+        return self._size(s) * stated + broadcast_variance(s.get("scatter", 0.0))
 
     def steady(self, s: Variances) -> Any:
         """The least V_ii that any slope of the curve makes; the zero of ln det V for a search."""
         u_eps, u_v, both = self._moments
         least = u_eps - both**2 / np.where(u_v > 0, u_v, 1.0)
         least = np.maximum(least, 1e-6 * (u_eps + u_v))
-        return np.maximum(self._size(s) * least + over(s.get("scatter", 0.0)), 1e-300)
+        return np.maximum(self._size(s) * least + broadcast_variance(s.get("scatter", 0.0)), 1e-300)
 
-    def diagonal(self, s: Variances, slope: Any = 0.0, bend: Any = 0.0) -> Any:
-        """V_ii."""
-        return self.variance(s, slope, bend) + over(s.get("group", 0.0))
+    def diagonal(self, s: Variances, slope: Any = 0.0, curvature_variance: Any = 0.0) -> Any:
+        """V_ii of each point, with the groups' part."""
+        return self.variance(s, slope, curvature_variance) + broadcast_variance(s.get("group", 0.0))
 
-    def factor(self, s: Variances, slope: Any, bend: Any, xp: Any = np) -> Factor:
+    def factor(self, s: Variances, slope: Any, curvature_variance: Any, xp: Any = np) -> Factor:
         """Factor of V at given variances and slopes of the curve."""
-        variance = self.variance(s, slope, bend)
+        variance = self.variance(s, slope, curvature_variance)
         lower = xp.sqrt(variance + xp.zeros(len(self)))
         if self.points.shares:
-            lower = tuple(xp.linalg.cholesky(block) for block in self._blocks(s, slope, bend, xp))
+            lower = tuple(
+                xp.linalg.cholesky(block)
+                for block in self._blocks(s, slope, curvature_variance, xp)
+            )
         if self.group is None or "group" not in s:
             return Factor(lower)
         level = self._solved(lower, xp.ones((len(self), 1)), xp)[..., 0]
         per = self._sums(level[..., None] ** 2, xp)[..., 0]
-        return Factor(lower, level, per, over(xp.asarray(s["group"])))
+        return Factor(lower, level, per, broadcast_variance(xp.asarray(s["group"])))
 
     def whiten(self, factor: Factor, x: Any, xp: Any = np) -> Any:
         """K⁻¹ x of columns (..., n, k); each row mixes points of one group only."""
@@ -299,23 +302,23 @@ class Errors:
             for lower in factor.lower:
                 inverse = xp.linalg.inv(lower)
                 rows.append((inverse**2).sum(-2).reshape(*lower.shape[:-3], -1))
-            alone = xp.concatenate(rows, -1)[..., self._back]
+            precisions = xp.concatenate(rows, -1)[..., self._back]
         else:
-            alone = factor.lower**-2.0
+            precisions = factor.lower**-2.0
         if factor.level is None:
-            return alone
+            return precisions
         deviations = self._solved(factor.lower, factor.level[..., None], xp, turned=True)[..., 0]
         share = factor.offset / (1 + factor.offset * factor.per)
-        return alone - share[..., self.group] * deviations**2
+        return precisions - share[..., self.group] * deviations**2
 
-    def scores(self, factor: Factor, s: Variances, slope: Any, off: Any) -> tuple[Any, Any]:
+    def scores(self, factor: Factor, s: Variances, slope: Any, residual: Any) -> tuple[Any, Any]:
         """∂(-ln p)/∂g and ∂(-ln p)/∂c of each point, of normal errors; for NumPy."""
-        solved = self.solve(factor, off[..., None])[..., 0]
+        solved = self.solve(factor, residual[..., None])[..., 0]
         excess = self.precisions(factor) - solved**2
-        by_slope, by_bend = self.changes(s, slope)
+        by_slope, by_curvature_variance = self.changes(s, slope)
         if not self.points.shares:
-            return excess * by_slope, excess * by_bend
-        alone = self._size(s) * slope * self._velocity_alone**2
+            return excess * by_slope, excess * by_curvature_variance
+        independent = self._size(s) * slope * self._u_velocity**2
         sizes = np.sqrt(self._size(s) + np.zeros(1))[..., None] * self.points.sizes_at(1.0)
         f, w = self._factors(s, slope, np), -self.points.to_velocity * sizes
         level = None
@@ -335,45 +338,51 @@ class Errors:
             )
             mixed = turned @ np.swapaxes(spread, -1, -2)
             parts.append((inner * mixed).sum(-1).reshape(*lower.shape[:-3], -1))
-        return alone * excess + np.concatenate(parts, -1)[..., self._back], excess * by_bend
+        return independent * excess + np.concatenate(parts, -1)[
+            ..., self._back
+        ], excess * by_curvature_variance
 
     # ------------------------------------------------------------------ densities
 
-    def deviance(self, s: Variances, off: Any, slope: Any, bend: Any, xp: Any = np) -> Any:
+    def deviance(
+        self, s: Variances, residual: Any, slope: Any, curvature_variance: Any, xp: Any = np
+    ) -> Any:
         """-2 ln p of all points together."""
         if not self.shares:
-            return -2 * self.by_point(s, off, slope, bend, xp).sum(-1)
-        factor = self.factor(s, slope, bend, xp)
-        white = self.whiten(factor, off[..., None], xp)[..., 0]
+            return -2 * self.by_point(s, residual, slope, curvature_variance, xp).sum(-1)
+        factor = self.factor(s, slope, curvature_variance, xp)
+        white = self.whiten(factor, residual[..., None], xp)[..., 0]
         known = len(self) * LN_2PI + 2 * np.sum(self.log_unit)
         return self.log_det(factor, xp) + (white**2).sum(-1) + known
 
-    def by_point(self, s: Variances, off: Any, slope: Any, bend: Any, xp: Any = np) -> Any:
+    def by_point(
+        self, s: Variances, residual: Any, slope: Any, curvature_variance: Any, xp: Any = np
+    ) -> Any:
         """ln p of each point; where points share errors, of each where the others are known.
 
         Source: Bürkner, Gabry and Vehtari, Comput. Stat. 36, 1243 (2021), Eq. 8.
         """
         if not self.shares:
-            variance = self.variance(s, slope, bend)
-            return self.noise.log_density(off, variance, xp) - self.log_unit
-        factor = self.factor(s, slope, bend, xp)
+            variance = self.variance(s, slope, curvature_variance)
+            return self.noise.log_density(residual, variance, xp) - self.log_unit
+        factor = self.factor(s, slope, curvature_variance, xp)
         precision = self.precisions(factor, xp)
-        solved = self.solve(factor, off[..., None], xp)[..., 0]
+        solved = self.solve(factor, residual[..., None], xp)[..., 0]
         return -0.5 * (solved**2 / precision - xp.log(precision) + LN_2PI) - self.log_unit
 
-    def simulate(self, s: Variances, carried: Carried, random, count: int) -> np.ndarray:
+    def simulate(self, s: Variances, curve: MeasuredCurve, random, count: int) -> np.ndarray:
         """Errors of ε, (count, n)."""
         normal = random.standard_normal((count, len(self)))
-        drawn = self.colour(self.factor(s, carried.slope, carried.bend), normal)
+        drawn = self.colour(self.factor(s, curve.slope, curve.curvature_variance), normal)
         return self.noise.drawn(drawn, random)
 
-    def some(self, rows: np.ndarray) -> "Errors":
-        """Errors of some of the points, which share nothing with the others."""
+    def select(self, rows: np.ndarray) -> "Errors":
+        """Select points, which share no error with the others."""
         group = None if self.group is None else np.unique(self.group[rows], return_inverse=True)[1]
         fastest = np.broadcast_to(self.fastest, len(self))[rows]
         return replace(
             self,
-            points=self.points.some(rows),
+            points=self.points.select(rows),
             group=group,
             labels=None if self.labels is None else self.labels[rows],
             velocity=self.velocity[rows],
@@ -386,21 +395,21 @@ class Errors:
 
     def _size(self, s: Variances) -> Any:
         """Factor of the stated errors, or size of the times if their uncertainty is unknown."""
-        return over(s.get("timing" if self.points.size_is_unknown else "scale", 1.0))
+        return broadcast_variance(s.get("timing" if self.points.size_is_unknown else "scale", 1.0))
 
     @cached_property
-    def _velocity_alone(self) -> np.ndarray:
-        alone = self.points.velocity_alone
-        return np.zeros(len(self)) if alone is None else alone
+    def _u_velocity(self) -> np.ndarray:
+        u = self.points.u_velocity
+        return np.zeros(len(self)) if u is None else u
 
     @cached_property
     def _moments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Variance of each ε, of its v, and their covariance; of times of 1 s where that is unknown."""
         points, sizes = self.points, self.points.sizes_at(1.0)
         to_eps, to_v = points.to_restitution * sizes, points.to_velocity * sizes
-        alone = 0.0 if points.restitution_alone is None else points.restitution_alone**2
-        of_velocity = np.sum(to_v**2, axis=1) + self._velocity_alone**2
-        return np.sum(to_eps**2, axis=1) + alone, of_velocity, np.sum(to_eps * to_v, axis=1)
+        independent = 0.0 if points.u_restitution is None else points.u_restitution**2
+        of_velocity = np.sum(to_v**2, axis=1) + self._u_velocity**2
+        return np.sum(to_eps**2, axis=1) + independent, of_velocity, np.sum(to_eps * to_v, axis=1)
 
     @cached_property
     def _of_velocity(self) -> np.ndarray:
@@ -462,14 +471,16 @@ class Errors:
         f = self.points.to_restitution - slope[..., None] * self.points.to_velocity
         return f * self.points.sizes_at(1.0) * size[..., None]
 
-    def _blocks(self, s: Variances, slope: Any, bend: Any, xp: Any) -> list[Any]:
+    def _blocks(self, s: Variances, slope: Any, curvature_variance: Any, xp: Any) -> list[Any]:
         """V of the launches without the groups' part."""
         f = self._factors(s, slope, xp)
-        alone = self.variance(s, slope, bend) + xp.zeros(len(self)) - (f**2).sum(-1)
+        independent = (
+            self.variance(s, slope, curvature_variance) + xp.zeros(len(self)) - (f**2).sum(-1)
+        )
         blocks = []
         for members, incidence in self._launches:
             spread = xp.einsum("...bik,bike->...bie", f[..., members, :], incidence)
-            variance = alone[..., members, None]
+            variance = independent[..., members, None]
             block = spread @ xp.swapaxes(spread, -1, -2)
             blocks.append(block + variance * np.eye(members.shape[1]))
         return blocks
@@ -505,7 +516,7 @@ class Errors:
         return white + level * share[..., self.group, :]
 
     def _sums(self, values: Any, xp: Any) -> Any:
-        """Over the points of each group, (..., groups, k)."""
+        """Sum over the points of each group, (..., groups, k)."""
         if xp is np:
             return np.add.reduceat(values[..., self._order, :], self._starts, axis=-2)
         import jax
@@ -528,7 +539,7 @@ def _expected_shift(velocity: np.ndarray, uncertainty: np.ndarray, power: float)
 
 def _with_power(points: PointErrors, velocity: np.ndarray) -> tuple[PointErrors, float]:
     """Errors of velocities along a power of these, and m; see above."""
-    u_v = points.velocity_alone
+    u_v = points.u_velocity
     if u_v is None or np.any(points.to_velocity) or np.min(u_v) <= 0 or np.ptp(velocity) == 0:
         return points, 0.5
     place, size = np.log(velocity) - np.mean(np.log(velocity)), np.log(u_v)
@@ -538,4 +549,4 @@ def _with_power(points: PointErrors, velocity: np.ndarray) -> tuple[PointErrors,
     allowed = ALONG * abs(power) * np.mean(share**2) ** 0.5
     if np.mean((size - line) ** 2) ** 0.5 > allowed + 1e-9 or not POWERS[0] <= power <= POWERS[1]:
         return points, 0.5
-    return replace(points, velocity_alone=np.exp(line)), power
+    return replace(points, u_velocity=np.exp(line)), power

@@ -29,7 +29,7 @@ from calibration.fitting.noise import FAMILIES
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, law_model, stated_parameters
 from calibration.fitting.stages import Likelihood, Stage
-from calibration.fitting.uncertainty import Freedom
+from calibration.fitting.uncertainty import DegreesOfFreedom
 from calibration.fitting.warnings import FitWarning
 from calibration.options import FitOptions, route_named
 from calibration.parameters import Parameter
@@ -43,6 +43,8 @@ AS_THEY_ARE = (
     "of_one_per_cent",
 )
 OWN = "only a fit's own fit.json is accepted"
+# keys of the file that are not the names of the fields of `PointErrors`
+KEYS_OF_ERRORS = {"u_restitution": "restitution_alone", "u_velocity": "velocity_alone"}
 
 
 def as_covariance(rows: Any) -> np.ndarray:
@@ -93,7 +95,7 @@ class DataRecord(Strict):
             cls,
             data,
             bodies=[{"name": b.name, "radius": b.radius, **vars(b.material)} for b in data.bodies],
-            errors=data.errors if np.any(data.errors.index >= 0) else None,
+            errors=_errors_entry(data.errors) if np.any(data.errors.index >= 0) else None,
             observed=dict(data.measured),
         )
 
@@ -103,7 +105,9 @@ class DataRecord(Strict):
         entries["measured"] = _arrays(entries.pop("observed"))
         if self.errors is not None:
             entries |= {"uncertainty": None, "velocity_uncertainty": None}
-            entries["errors"] = PointErrors(**_arrays(self.errors))
+            names = {key: name for name, key in KEYS_OF_ERRORS.items()}
+            named = {names.get(key, key): x for key, x in self.errors.items()}
+            entries["errors"] = PointErrors(**_arrays(named))
         entries |= {
             "restitution": np.array(self.restitution, float),
             "contact": self.contact
@@ -180,17 +184,17 @@ class FitRecord(Strict):
         return result
 
 
-class FreedomRecord(Strict):
+class DegreesOfFreedomRecord(Strict):
     labels: tuple[str, ...]
     parts: list[Covariance]
     relative: Covariance
     sets: tuple[str, ...]
     names: tuple[str, ...]
 
-    def freedom(self) -> Freedom:
+    def dof(self) -> DegreesOfFreedom:
         size, count = len(self.labels), len(self.names)
         parts = np.reshape(self.parts, (count, size, size))
-        return Freedom(**dict(self) | {"parts": parts})
+        return DegreesOfFreedom(**dict(self) | {"parts": parts})
 
 
 class RequestRecord(Strict):
@@ -237,7 +241,7 @@ class ResultFile(Strict):
     condition_number: float | None
     likelihood: Likelihood | None
     confidence: Annotated[float, Field(gt=0, lt=1)]
-    freedom: list[FreedomRecord]
+    freedom: list[DegreesOfFreedomRecord]
     profiles: dict[str, Profile]
     optimiser_report: tuple[Stage, ...]
     pooled: dict[str, Estimate]
@@ -256,7 +260,7 @@ def result_to_dict(result: Any, times: bool) -> dict[str, Any]:
         fits=[FitRecord.record_of(material) for material in result.materials],
         covariance={"names": result.covariance_names, "matrix": result.covariance},
         covariance_of_predictions=result.of_predictions,
-        freedom=result.freedoms,
+        freedom=result.dof_by_component,
         request=RequestRecord.record_of(result.request),
     )
     entries = plain(table)
@@ -283,7 +287,7 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
             "covariance": file.covariance.matrix,
             "of_predictions": file.covariance_of_predictions,
             "statistical_covariance": file.statistical_covariance,
-            "freedoms": tuple(entry.freedom() for entry in file.freedom),
+            "dof_by_component": tuple(entry.dof() for entry in file.freedom),
         }
     except ValidationError as error:
         raise _refusal(path, error) from None
@@ -348,6 +352,10 @@ def _by_names(record: type[Strict], thing: Any, **table: Any) -> dict[str, Any]:
 
 def _arrays(table: Mapping[str, Any]) -> dict[str, Any]:
     return {key: np.array(x) if isinstance(x, list) else x for key, x in table.items()}
+
+
+def _errors_entry(errors: PointErrors) -> dict[str, Any]:
+    return {KEYS_OF_ERRORS.get(name, name): x for name, x in vars(errors).items()}
 
 
 def _body(name: str, radius: Any, **leaves: Any) -> Body:

@@ -19,8 +19,10 @@ def beside_jumps(
 ) -> Float[np.ndarray, "places elements"]:
     """Places on both sides of the jumps around z, along each element that yield moves with."""
     places = [z[None][:0]]
-    moves = np.zeros(len(z), bool) if problem.moves_yield is None else problem.moves_yield
-    for k in problem.active[moves[problem.active]]:
+    yield_elements = (
+        np.zeros(len(z), bool) if problem.affects_yield is None else problem.affects_yield
+    )
+    for k in problem.active[yield_elements[problem.active]]:
         of_sets = np.flatnonzero(np.isin(problem.points.set, problem.elements[k].sets))
         both, part = np.tile(z, (2, 1)), problem.transform.part([k])
         both[1, k] += TRIED * max(abs(z[k]), TRIED)

@@ -33,7 +33,7 @@ CONTACT_LEAVES = declarations(sj.Contact)
 OF_CONTACT = "contact."
 SPRINGS = ("loading_stiffness", "unloading_stiffness")  # of Walton and Braun: k20 >= k1
 # what v_cr depends on, and the power of each in it
-MOVE_YIELD = {"yield_strength": 2.5, "youngs_modulus": -2.0, "radius": 1.5, "mass": -0.5}
+AFFECTS_YIELD = {"yield_strength": 2.5, "youngs_modulus": -2.0, "radius": 1.5, "mass": -0.5}
 
 
 class Tree(NamedTuple):
@@ -105,7 +105,7 @@ class LawModel:
 
     @property
     def label(self) -> str:
-        """Its name in tables and pictures."""
+        """Name of the law in tables and pictures."""
         return KNOWN[self.key].label if self.key in KNOWN else self.key
 
     def law(self, contact: sj.Contact | None, values: Mapping[str, Any]) -> sj.ContactLaw:
@@ -242,7 +242,7 @@ def _options(law: type, key: str, given: Mapping[str, str]) -> dict[str, str]:
 
 
 class Start(NamedTuple):
-    """Where a search of a built-in law starts, from the data: numbers by parameter."""
+    """Start of a search of a built-in law, from the data: numbers by parameter."""
 
     guess: Mapping[str, Any] = {}
     fixed: Mapping[str, Any] = {}  # what ε does not determine, with the value it is fixed at

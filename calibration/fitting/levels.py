@@ -44,21 +44,21 @@ class Offsets(NamedTuple):
 
 
 def offsets_of(
-    problem: Problem, k: int, z: np.ndarray, off: Float[np.ndarray, " n"], covariance: Any
+    problem: Problem, k: int, z: np.ndarray, residual: Float[np.ndarray, " n"], covariance: Any
 ) -> Offsets | None:
     """Predicted offsets of a block; None where none were estimated.
 
     Args:
-        off: fitted less measured values of its points.
+        residual: fitted less measured values of its points.
         covariance: of all elements of z.
     """
     errors, s, span = problem.errors[k], problem.variances[k], problem.spans[k]
     if errors.group is None or "group" not in s:
         return None
     linear, variance = problem.linearise(z[None]), float(s["group"])
-    _, slope, bend = linear.carried(span)
-    factor = errors.factor(s, slope, bend)
-    columns = np.concatenate([-off[:, None], linear.per[0, span]], axis=1)
+    _, slope, curvature_variance = linear.measured_curve(span)
+    factor = errors.factor(s, slope, curvature_variance)
+    columns = np.concatenate([-residual[:, None], linear.per[0, span]], axis=1)
     solved = errors.solve(factor, columns[None])[0]
     value, *follows = variance * np.array([np.bincount(errors.group, c) for c in solved.T])
     about_the_curve = variance / (1 + variance * factor.per.reshape(-1))

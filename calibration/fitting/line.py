@@ -34,7 +34,7 @@ import softjax as sj
 from calibration.data.checks import checked_confidence, require
 from calibration.data.inputs import Input
 from calibration.errors import DataError
-from calibration.fitting.budget import Budget, Contribution, budget_of, widened
+from calibration.fitting.budget import Budget, Contribution, budget_of, with_input_uncertainty
 from calibration.fitting.laws import LINE, eps_up_of, sigma_of
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.problem import DRAG, Problem
@@ -266,7 +266,7 @@ class Line:
         return Band(velocity, *columns)
 
     def remarks(self, contact: sj.Contact) -> list[str]:
-        """What a prediction rests on, one matter in each line."""
+        """Remarks about a prediction, one matter a line."""
         chi, ratio, count = self.unloading_factor(contact), _ratio(contact), len(self.materials)
         scatter, ends = self.scatter, f", {100 * self.confidence:g} % interval {{:.4g}} to {{:.4g}}"
         known = "" if chi.low is None else ends.format(chi.low, chi.high)
@@ -424,16 +424,16 @@ def fit_line(request: Request, fits: list[ComponentFit]) -> LineFit | None:
     scatter = _scatter(on_line, chi, u) if len(x) > 2 else 0.0
     added = (influence * (scatter * on_line) ** 2) @ influence.T + (0.0 if has_noise else np.nan)
     covariance = known.covariance[np.ix_(places, places)] * np.outer(slope, slope) + added
-    reach = quantile(confidence, len(x) - 2 if scatter else known.degrees[places])
+    reach = quantile(confidence, len(x) - 2 if scatter else known.parameter_dof[places])
     c1, c2 = _with_errors(values, covariance, reach)
     problem, contact = joint.final.problem, specs[0].data.contact
     assert contact is not None
-    off = problem.linearise(joint.z[None]).prediction[0] - problem.points.value
+    residual = problem.linearise(joint.z[None]).prediction[0] - problem.points.value
     line = Line(
         c1=c1,
         c2=c2,
         rms={
-            spec.data.name: float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2)))
+            spec.data.name: float(np.sqrt(np.mean(residual[problem.of_restitution(g)] ** 2)))
             for g, spec in enumerate(specs)
         },
         through_chi=dict(zip(LINE, _with_errors(c, normal + added, reach), strict=True)),
@@ -458,9 +458,9 @@ def _on_one_line(
     on_line = {name: Parameter(float(value)) for name, value in zip(LINE, c, strict=True)}
     parameters = []
     for fit, spec, k in own:
-        elements, limits = fit.component.elements, fit.uncertainty.limits
+        elements, bound_side = fit.component.elements, fit.uncertainty.bound_side
         # what is at an end of its range there begins anew
-        z = np.where(limits != 0, fit.component.start, fit.z)
+        z = np.where(bound_side != 0, fit.component.start, fit.z)
         theta = fit.final.problem.transform.physical(z)
         stated = {e.name: e.parameter for e in spec.local if e.parameter.value is not None}
         for name, place in fit.component.places(elements[k].sets[0]).items():
@@ -501,7 +501,7 @@ def with_inputs(
         up, down = _through_laws(line, alone[part.members[0]], fits)
         parts.append(replace(part, up=part.up | up, down=part.down | down, laws={}))
     of_line = replace(of_line, inputs=tuple(parts))
-    of = lambda estimate, label: widened(estimate, of_line, label, line.confidence)  # noqa: E731
+    of = lambda estimate, label: with_input_uncertainty(estimate, of_line, label, line.confidence)  # noqa: E731
     added = of_line.covariance(LINE)
     return replace(
         line,

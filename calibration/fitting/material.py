@@ -57,7 +57,7 @@ class Estimate:
 
     @property
     def rounding_error(self) -> float | None:
-        """What value and ends are rounded by: the standard error, or of a skewed one the narrower side's part."""
+        """Size that value and ends are rounded by: the standard error, or of a skewed one the narrower side's part."""
         if self.printed_error is not None or self.value is None:
             return self.printed_error
         sides = [abs(end - self.value) for end in (self.low, self.high) if end is not None]
@@ -245,8 +245,8 @@ class MaterialFit(Goodness):
         """Probability of a χ² at least as large, if the law and the stated uncertainties are right."""
         if self.reduced_chi_squared is None:
             return None
-        left = self.residual_degrees
-        return float(special.chdtrc(left, left * self.reduced_chi_squared))
+        dof = self.residual_degrees
+        return float(special.chdtrc(dof, dof * self.reduced_chi_squared))
 
     @cached_property
     def law(self) -> sj.ContactLaw:

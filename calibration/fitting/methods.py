@@ -1,6 +1,6 @@
-"""Condensed least squares, and what proposes a direction from them: Levenberg–Marquardt, or optax's methods.
+"""Least squares by QR factors, and what proposes a direction from them: Levenberg–Marquardt, or optax's methods.
 
-The Jacobian of each fit is condensed to a triangle once; a method sees nothing else of a problem.
+The Jacobian of each fit is factorised once; a method sees nothing else of a problem.
 """
 
 import math
@@ -23,7 +23,7 @@ Numbers = Float[np.ndarray, "fits"]
 Steps = Float[np.ndarray, "fits p"]
 
 
-class Condensed(NamedTuple):
+class QRFactors(NamedTuple):
     """J = Q R with the columns of R scaled to one, R = U S Vᵀ, of each fit."""
 
     cost: Numbers  # what is minimised
@@ -63,8 +63,8 @@ class Condensed(NamedTuple):
         return -np.einsum("fp,fp->f", self.gradient, step) - 0.5 * np.sum(moved**2, axis=1)
 
 
-def condense(residual, jacobian, fixed=None, cost: Numbers | None = None) -> Condensed:
-    """Condense each fit; columns of fixed elements count as zero. Default cost: ½ rᵀ r."""
+def factorise(residual, jacobian, fixed=None, cost: Numbers | None = None) -> QRFactors:
+    """Factorise the Jacobian of each fit; columns of fixed elements count as zero. Default cost: ½ rᵀ r."""
     finite = np.all(np.isfinite(residual), 1) & np.all(np.isfinite(jacobian), (1, 2))
     residual = np.where(finite[:, None], residual, 0.0)
     zero = ~finite[:, None] if fixed is None else fixed | ~finite[:, None]
@@ -86,7 +86,7 @@ def condense(residual, jacobian, fixed=None, cost: Numbers | None = None) -> Con
     gradient = size * np.einsum("fij,fj->fi", directions, singular * along)
     cost = np.where(finite, 0.5 * norm**2 if cost is None else cost, np.inf)
     silent = length <= SILENT * norm[:, None]
-    return Condensed(cost, gradient, size, singular, directions, along, silent, finite)
+    return QRFactors(cost, gradient, size, singular, directions, along, silent, finite)
 
 
 class Marquardt:
@@ -106,15 +106,15 @@ class Marquardt:
         self.fall = np.full(fits, 2.0)  # what 1/λ is divided by where a step is refused
         self.direction = np.zeros((fits, p))
 
-    def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
+    def propose(self, need: Fits, z: Steps, at: QRFactors) -> Steps:
         """A direction for the fits that need one."""
         along = at.along * at.singular / (at.singular**2 + 1 / self.size[:, None])
         step = -np.einsum("fij,fj->fi", at.directions, along) / at.size
         self.direction = np.where(need[:, None], step, self.direction)
         return self.direction
 
-    def taken(self, fits: Fits, whole: Fits, gain: Numbers) -> None:
-        """Fits that moved, by a whole step or a shortened one; the fall of the cost over that promised."""
+    def taken(self, fits: Fits, full_step: Fits, gain: Numbers) -> None:
+        """Fits that moved, by a full step or a shortened one; the fall of the cost over that promised."""
         factor = np.maximum(1 / self.GROWTH, 1 - (2 * np.clip(gain, 0.0, 1.0) - 1) ** 3)
         grown = np.minimum(self.size / factor, self.LARGEST)
         self.size = np.where(fits, grown, self.size)
@@ -127,12 +127,12 @@ class Marquardt:
         return fits
 
     def stuck(self) -> Fits:
-        """Those that no direction helps."""
+        """Fits that no direction helps."""
         return self.size < self.SMALLEST
 
 
 class Lbfgs:
-    """optax's L-BFGS in variables in which the damped Gauss–Newton matrix is one, renewed at times.
+    """optax's L-BFGS in variables in which the damped Gauss–Newton matrix is one, restarted at times.
 
     That makes its first step Levenberg's and leaves what the curvature of the residuals changes to
     L-BFGS's memory. Far from a minimum the damping grows with every step that had to be shortened.
@@ -151,18 +151,18 @@ class Lbfgs:
         self.basis = self.inverse = np.zeros((fits, p, p))
         self.memory = _lbfgs_tools()[0](np.zeros(_sized(fits, p)))
 
-    def propose(self, need: Fits, z: Steps, at: Condensed) -> Steps:
-        renewed = need & (self.age % self.PERIOD == 0)
-        if np.any(renewed):
+    def propose(self, need: Fits, z: Steps, at: QRFactors) -> Steps:
+        restarted = need & (self.age % self.PERIOD == 0)
+        if np.any(restarted):
             basis = at.whitening(self.damping)
-            self.basis = np.where(renewed[:, None, None], basis, self.basis)
+            self.basis = np.where(restarted[:, None, None], basis, self.basis)
             self.inverse = np.linalg.pinv(self.basis)
         white = np.einsum("fij,fi->fj", self.basis, at.gradient)
         place = np.einsum("fij,fj->fi", self.inverse, z)
         fits, p = z.shape
         sizes = _sized(fits, p)
         padded = []
-        for values in (white, place, need, renewed):
+        for values in (white, place, need, restarted):
             padded.append(np.zeros(sizes[: values.ndim], values.dtype))
             padded[-1][tuple(map(slice, values.shape))] = values
         update, self.memory = _lbfgs_tools()[1](self.memory, *padded)
@@ -175,16 +175,16 @@ class Lbfgs:
         self.shortened[need] = 0
         return self.direction
 
-    def taken(self, fits: Fits, whole: Fits, gain: Numbers) -> None:
-        self.damping = np.where(fits & whole, self.damping * 0.2, self.damping)
-        self._damp(fits & ~whole)
+    def taken(self, fits: Fits, full_step: Fits, gain: Numbers) -> None:
+        self.damping = np.where(fits & full_step, self.damping * 0.2, self.damping)
+        self._damp(fits & ~full_step)
 
     def refused(self, fits: Fits) -> Fits:
         self.shortened += fits
-        over = fits & (self.shortened >= self.SHORTER)
-        self.exhausted |= over & (self.damping >= self.LARGEST_DAMPING)
-        self._damp(over)
-        return over
+        exhausted = fits & (self.shortened >= self.SHORTER)
+        self.exhausted |= exhausted & (self.damping >= self.LARGEST_DAMPING)
+        self._damp(exhausted)
+        return exhausted
 
     def stuck(self) -> Fits:
         return self.exhausted
@@ -211,9 +211,9 @@ def _lbfgs_tools():
         return jax.tree.map(pick, yes, no)
 
     @partial(jax.jit, compiler_options=accepted(SOONEST))
-    def update(memory, gradient, place, need, renewed):
+    def update(memory, gradient, place, need, restarted):
         empty = jax.vmap(tool.init)(jnp.zeros_like(gradient))
-        chosen = where(renewed, empty, memory)
+        chosen = where(restarted, empty, memory)
         step, after = jax.vmap(tool.update)(gradient, chosen, place)
         return step, where(need, after, chosen)
 

@@ -17,7 +17,7 @@ MANY = 20_000  # points from which on it pays
 FEW = 4096  # neighbourhoods, of all data sets together
 
 
-def condensed(problem: Problem, z: Float[np.ndarray, " elements"] | None = None) -> Problem:
+def binned(problem: Problem, z: Float[np.ndarray, " elements"] | None = None) -> Problem:
     """Neighbourhoods in place of points; the problem itself where points are few, or share errors.
 
     Args:
@@ -38,19 +38,19 @@ def condensed(problem: Problem, z: Float[np.ndarray, " elements"] | None = None)
     middle = order[begin + size // 2]
 
     if z is None:
-        off = -points.value
+        residual = -points.value
         variances = zip(problem.errors, problem.variances, strict=True)
         every = [errors.diagonal(s) + np.zeros(len(errors)) for errors, s in variances]
         variance = np.concatenate(every)
     else:
         linear = problem.linearise(z[None])
-        off, variance = linear.prediction[0] - points.value, problem.diagonal(z[None])[0]
+        residual, variance = linear.prediction[0] - points.value, problem.diagonal(z[None])[0]
     weight = points.copies / variance
     total = np.add.reduceat(weight[order], begin)
-    mean = np.add.reduceat((weight * off)[order], begin) / total
-    inside = np.add.reduceat((weight * off**2)[order], begin) - total * mean**2
+    mean = np.add.reduceat((weight * residual)[order], begin) / total
+    inside = np.add.reduceat((weight * residual**2)[order], begin) - total * mean**2
 
-    few = problem.kept(middle)
+    few = problem.select_points(middle)
     copies, inside = total * variance[middle], variance[middle] * np.maximum(inside, 0.0)
     few = replace(few, points=few.points._replace(copies=copies, value=-mean), inside=inside)
     if z is None:

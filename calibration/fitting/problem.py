@@ -5,7 +5,7 @@ that the data are expected to have; their cost is that density itself. Where vel
 moves with the curve: two more rows a point stand for what ln det V and V⁻¹ add to either.
 
 Several fits of one problem stand side by side along a leading axis: starts, refits without a point,
-simulated data sets. Each has its own z, and may have its own values and counts (`Lanes`).
+simulated data sets. Each has its own z, and may have its own values and counts (`Batch`).
 """
 
 import itertools
@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.collisions import Laws, Route, expand, extended_root, root, root_slope
-from calibration.fitting.errors import Carried, Errors
+from calibration.fitting.errors import Errors, MeasuredCurve
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.parameters import NONE, Parameter, Transform
 from softjax.fields import Declared
@@ -126,8 +126,8 @@ class Block(NamedTuple):
     span: slice
 
 
-class Lanes(NamedTuple):
-    """What differs between the fits of a batch; None: nothing does."""
+class Batch(NamedTuple):
+    """Fits side by side: what differs between them; None: nothing does."""
 
     value: Float[np.ndarray, "fits points"] | None = None
     copies: Float[np.ndarray, "fits points"] | None = None
@@ -140,7 +140,7 @@ class Lanes(NamedTuple):
     contact: Mapping[str, np.ndarray] | None = None
     fixed: Float[np.ndarray, "fits q rows"] | None = None
 
-    def some(self, which) -> "Lanes":
+    def select(self, which) -> "Batch":
         """Select fits."""
         return jax.tree.map(lambda leaf: leaf[which], self)
 
@@ -155,13 +155,15 @@ class Linear(NamedTuple):
     # the mean expected at each point, in its unit, and its slopes along the active elements
     prediction: Float[np.ndarray, "fits points"]
     per: Float[np.ndarray, "fits points p"]
-    slope: Float[np.ndarray, "fits points"]  # of the curve, see `Carried`
-    bend: Float[np.ndarray, "fits points"]
+    slope: Float[np.ndarray, "fits points"]  # of the curve, see `MeasuredCurve`
+    curvature_variance: Float[np.ndarray, "fits points"]
     status: Int[np.ndarray, "fits points"]  # `softjax.Status`
 
-    def carried(self, span: slice) -> Carried:
-        """The curve at some points."""
-        return Carried(self.prediction[:, span], self.slope[:, span], self.bend[:, span])
+    def measured_curve(self, span: slice) -> MeasuredCurve:
+        """Select the points of the curve."""
+        return MeasuredCurve(
+            self.prediction[:, span], self.slope[:, span], self.curvature_variance[:, span]
+        )
 
     @property
     def gradient(self) -> Float[np.ndarray, "fits p"]:
@@ -177,35 +179,35 @@ def acts_on_nothing(
     return (size > 0) & (acts <= share * np.max(acts, axis=1, keepdims=True, initial=0.0))
 
 
-class Residuals(NamedTuple):
+class BlockResiduals(NamedTuple):
     """Data from which the variances of a block are estimated, for a batch of fits."""
 
-    off: Float[np.ndarray, "fits n"]  # predicted less measured ε, and its slopes; not weighted
+    residual: Float[np.ndarray, "fits n"]  # predicted less measured ε, and its slopes; not weighted
     jacobian: Float[np.ndarray, "fits n p"]
-    slope: Float[np.ndarray, "fits n"]  # of the curve, see `Carried`
-    bend: Float[np.ndarray, "fits n"]
+    slope: Float[np.ndarray, "fits n"]  # of the curve, see `MeasuredCurve`
+    curvature_variance: Float[np.ndarray, "fits n"]
     # A₀ and b₀; no b₀ where several sets take turns, whose residuals stay
     information: Float[np.ndarray, "fits p p"]
     gradient: Float[np.ndarray, "fits p"] | None
     free: Bool[np.ndarray, "fits p"]  # elements that are not at an end of their range
-    # 0 for points that are left out, which share no error with others; None: all are there
-    kept: Any = None
+    # 1 for points that count, 0 for those without, which share no error with others; None: all count
+    included: Any = None
 
     @property
-    def counted(self) -> Any:
-        """1 for every point that is there."""
-        return np.ones(self.off.shape) if self.kept is None else self.kept
+    def weight(self) -> Any:
+        """1 for each point that counts, else 0."""
+        return np.ones(self.residual.shape) if self.included is None else self.included
 
     @property
     def square(self) -> Float[np.ndarray, " fits"]:
         """Mean square of the residuals."""
-        squares = np.sum(self.counted * self.off**2, axis=1) / np.sum(self.counted, axis=1)
+        squares = np.sum(self.weight * self.residual**2, axis=1) / np.sum(self.weight, axis=1)
         return np.maximum(squares, 1e-30)
 
     @property
     def sizes(self) -> Float[np.ndarray, "fits p"]:
         """√ of what is known of each parameter, with errors as large as the residuals."""
-        points = np.sum(self.counted[..., None] * self.jacobian**2, axis=1) / self.square[:, None]
+        points = np.sum(self.weight[..., None] * self.jacobian**2, axis=1) / self.square[:, None]
         known = np.diagonal(self.information, axis1=1, axis2=2) + points
         return np.sqrt(np.maximum(known, 1e-300))
 
@@ -225,7 +227,7 @@ class Problem:
     variances: tuple[Mapping[str, Any], ...] = ()  # s of each block
     # elements that the critical velocity depends on, where ε jumps there: the cost jumps where it
     # passes the velocity of a point. None: there are none
-    moves_yield: Bool[np.ndarray, " elements"] | None = None
+    affects_yield: Bool[np.ndarray, " elements"] | None = None
     # whether ε is continued below 0 where nothing rebounds. That guides a search; a fit is judged
     # by the law's own ε
     guided: bool = False
@@ -255,9 +257,9 @@ class Problem:
         return all(errors.is_fixed for errors in self.errors)
 
     @cached_property
-    def moves(self) -> bool:
+    def has_velocity_errors(self) -> bool:
         """Whether V moves with the parameters: velocities have errors."""
-        return any(errors.has_slope for errors in self.errors)
+        return any(errors.has_velocity_errors for errors in self.errors)
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -285,26 +287,26 @@ class Problem:
 
     # ------------------------------------------------------------------ evaluated at z
 
-    def linearise(self, z: Z, lanes: Lanes | None = None, slopes: bool = True) -> Linear:
+    def linearise(self, z: Z, batch: Batch | None = None, slopes: bool = True) -> Linear:
         """Rows and Jacobian of each fit; without `slopes` the Jacobian has no columns."""
-        if lanes is None and len(z) == 1:  # many things are needed at one place
+        if batch is None and len(z) == 1:  # many things are needed at one place
             for known in (True, slopes):
                 if self._last.get(known, (None,))[0] == z.tobytes():
                     return self._last[known][1]
-            linear = self._linearised(z, Lanes(), slopes)
+            linear = self._linearised(z, Batch(), slopes)
             self._last.clear()
             self._last[slopes] = z.tobytes(), linear
             return linear
-        lanes = lanes or Lanes()
-        most = max(1, AT_ONCE // max(self.count * (5 if self.moves else 1), 1))
+        batch = batch or Batch()
+        most = max(1, AT_ONCE // max(self.count * (5 if self.has_velocity_errors else 1), 1))
         rows = [slice(k, k + most) for k in range(0, max(len(z), 1), most)]
-        parts = [self._linearised(z[some], lanes.some(some), slopes) for some in rows]
+        parts = [self._linearised(z[some], batch.select(some), slopes) for some in rows]
         return Linear(*(np.concatenate(a) if a[1:] else a[0] for a in zip(*parts, strict=True)))
 
-    def residuals_at(self, z: Z, lanes: Lanes | None = None) -> list[Residuals]:
+    def residuals_at(self, z: Z, batch: Batch | None = None) -> list[BlockResiduals]:
         """Data at z from which the variances of each block are estimated."""
-        linear = self.linearise(z, lanes)
-        off = linear.prediction - self._measured(lanes)
+        linear = self.linearise(z, batch)
+        residual = linear.prediction - self._measured(batch)
         transform, x = self.transform.part(self.active), z[:, self.active]
         plain = transform.kind == NONE
         at_bound = plain & ((x <= transform.lower) | (x >= transform.upper))
@@ -321,9 +323,9 @@ class Problem:
                 others = [0 * a for a in others]
             elif len(self.errors) > 1:
                 others[1] = None
-            _, slope, bend = linear.carried(span)
-            at = (off[:, span], linear.per[:, span], slope, bend)
-            parts.append(Residuals(*at, others[0], others[1], free))
+            _, slope, curvature_variance = linear.measured_curve(span)
+            at = (residual[:, span], linear.per[:, span], slope, curvature_variance)
+            parts.append(BlockResiduals(*at, others[0], others[1], free))
         return parts
 
     def deviance(self, z: Z) -> Float[np.ndarray, " fits"]:
@@ -331,36 +333,36 @@ class Problem:
         linear = self.linearise(z, slopes=False)
         total = np.zeros(len(z))
         for errors, s, span in zip(self.errors, self.variances, self.spans, strict=True):
-            mean, slope, bend = linear.carried(span)
-            total += errors.deviance(s, mean - self.points.value[span], slope, bend)
+            mean, slope, curvature_variance = linear.measured_curve(span)
+            total += errors.deviance(s, mean - self.points.value[span], slope, curvature_variance)
         return total
 
     def diagonal(self, z: Z) -> Float[np.ndarray, "fits points"]:
         """V_ii of each point."""
         linear, parts = self.linearise(z, slopes=False), []
         for errors, s, span in zip(self.errors, self.variances, self.spans, strict=True):
-            mean, slope, bend = linear.carried(span)
-            parts.append(errors.diagonal(s, slope, bend) + np.zeros(mean.shape))
+            mean, slope, curvature_variance = linear.measured_curve(span)
+            parts.append(errors.diagonal(s, slope, curvature_variance) + np.zeros(mean.shape))
         return np.concatenate(parts, axis=1)
 
-    def kept(self, rows: Any) -> "Problem":
-        """The problem of some of its points, a mask or places, which share no error with the others."""
+    def select_points(self, rows: Any) -> "Problem":
+        """Select points, a mask or places, which share no error with the others."""
         rows = np.flatnonzero(rows) if np.asarray(rows).dtype == bool else np.asarray(rows)
         points = Points(*(a[rows] for a in self.points))
         rows_of_blocks = [rows[(rows >= s.start) & (rows < s.stop)] - s.start for s in self.spans]
-        left = [k for k, some in enumerate(rows_of_blocks) if len(some)] if self.errors else []
+        remaining = [k for k, some in enumerate(rows_of_blocks) if len(some)] if self.errors else []
         return replace(
             self,
             points=points,
             laws=replace(self.laws, row=self.laws.row[rows]),
-            errors=tuple(self.errors[k].some(rows_of_blocks[k]) for k in left),
-            variances=tuple(self.variances[k] for k in left),
+            errors=tuple(self.errors[k].select(rows_of_blocks[k]) for k in remaining),
+            variances=tuple(self.variances[k] for k in remaining),
         )
 
     @property
     def more(self) -> int:
         """Rows that stand for what V adds."""
-        return 2 * self.count if self.moves else 0
+        return 2 * self.count if self.has_velocity_errors else 0
 
     @cached_property
     def drag(self) -> int | None:
@@ -381,11 +383,11 @@ class Problem:
             return None
         theta = self.transform.physical(np.atleast_2d(z))
         rows, back = np.unique(laws.row[points], return_inverse=True)
-        limits = [
+        by_row = [
             [float(np.asarray(laws.law(values, k).elastic_velocity())) for k in rows]  # type: ignore[attr-defined]
             for values in theta
         ]
-        return np.array(limits)[:, back].reshape(*np.shape(z)[:-1], len(back))
+        return np.array(by_row)[:, back].reshape(*np.shape(z)[:-1], len(back))
 
     def law_of(self, theta: Float[np.ndarray, " elements"], g: int) -> sj.ContactLaw:
         """The law of a data set; of its first impact where it has several."""
@@ -394,11 +396,11 @@ class Problem:
     @property
     def jumps(self) -> bool:
         """Whether the cost jumps where the critical velocity passes the velocity of a point."""
-        return self.moves_yield is not None
+        return self.affects_yield is not None
 
     def is_elastic_at(self, z: Z) -> Bool[np.ndarray, "fits points"]:
         """Which impacts are below yield; with errors of velocities, of the nodes around each point."""
-        impacts = self._wide if self.moves else self
+        impacts = self._wide if self.has_velocity_errors else self
         return impacts.points.velocity <= impacts.yields_at(z)
 
     # ------------------------------------------------------------------ inside
@@ -408,25 +410,27 @@ class Problem:
         """The last place, with or without slopes."""
         return {}
 
-    def _measured(self, lanes: Lanes | None) -> np.ndarray:
-        return self.points.value if lanes is None or lanes.value is None else lanes.value
+    def _measured(self, batch: Batch | None) -> np.ndarray:
+        return self.points.value if batch is None or batch.value is None else batch.value
 
-    def _linearised(self, z: Z, lanes: Lanes, slopes: bool) -> Linear:
+    def _linearised(self, z: Z, batch: Batch, slopes: bool) -> Linear:
         theta, per_z = self.transform.physical(z), self.transform.slope(z)
         active = self.active if slopes else self.active[:0]
-        np.add.at(self.evaluated, np.zeros(len(z), int) if lanes.of is None else lanes.of, slopes)
-        curve, per, status = self._curve(theta, per_z, active, lanes)
-        off = curve.mean - self._measured(lanes)
+        np.add.at(self.evaluated, np.zeros(len(z), int) if batch.of is None else batch.of, slopes)
+        curve, per, status = self._curve(theta, per_z, active, batch)
+        residual = curve.mean - self._measured(batch)
         copies = np.broadcast_to(
-            self.points.copies if lanes.copies is None else lanes.copies, off.shape
+            self.points.copies if batch.copies is None else batch.copies, residual.shape
         )
-        rows, columns, more, their = [off[:, :0]], [per.mean[:, :0]], [], []
-        cost = np.zeros(len(off))
-        variances = self.variances if lanes.variances is None else lanes.variances
+        rows, columns, more, their = [residual[:, :0]], [per.mean[:, :0]], [], []
+        cost = np.zeros(len(residual))
+        variances = self.variances if batch.variances is None else batch.variances
         blocks = self.spans if self.errors else ()
         for errors, s, span in zip(self.errors, variances, blocks, strict=True):
-            slope, bend, n, r = (a[:, span] for a in (curve.slope, curve.bend, copies, off))
-            factor, family = errors.factor(s, slope, bend), errors.noise
+            slope, curvature_variance, n, r = (
+                a[:, span] for a in (curve.slope, curve.curvature_variance, copies, residual)
+            )
+            factor, family = errors.factor(s, slope, curvature_variance), errors.noise
             both = np.concatenate([r[..., None], per.mean[:, span]], axis=2)
             both = errors.whiten(factor, both)
             white, of_white = both[..., 0], both[..., 1:]
@@ -434,10 +438,10 @@ class Problem:
             rows.append(white * share)
             columns.append(of_white * share[..., None])
             cost += 0.5 * np.sum(n * family.squares(white), axis=1)
-            variance = errors.variance(s, slope, bend) + np.zeros(r.shape)
+            variance = errors.variance(s, slope, curvature_variance) + np.zeros(r.shape)
             beyond = np.broadcast_to(self.inside, self.count)[span] / variance
             cost += 0.5 * np.sum(beyond, axis=1)
-            if not self.moves:
+            if not self.has_velocity_errors:
                 continue
             changes = errors.changes(s, slope)
             if errors.shares:
@@ -445,8 +449,8 @@ class Problem:
                 scores = errors.scores(factor, s, slope, r)
             else:
                 cost += 0.5 * np.sum(n * np.log(variance / errors.steady(s)), axis=1)
-                left = (n - (white * share) ** 2 - beyond) / variance
-                scores = tuple(a * left for a in changes)
+                excess = (n - (white * share) ** 2 - beyond) / variance
+                scores = tuple(a * excess for a in changes)
             root = np.sqrt(n)
             for score, change, of_curve in zip(scores, changes, per[1:], strict=True):
                 size = np.abs(change) * 2**0.5 / variance
@@ -454,7 +458,7 @@ class Problem:
                 weight = size * root
                 more.append(np.where(n > 0, score, 0.0) / np.where(n > 0, weight, 1.0))
                 their.append(of_curve[:, span] * weight[..., None])
-        for value, column in self._priors(z, theta, per_z, lanes.centre):
+        for value, column in self._priors(z, theta, per_z, batch.centre):
             rows.append(value)
             columns.append(column[:, :, : len(active)])
             cost += 0.5 * np.sum(value**2, axis=1)
@@ -466,34 +470,45 @@ class Problem:
                 np.broadcast_to(PULL * self.pull[1][: len(active)], (len(z), 1, len(active)))
             )
             cost += along
-        residual = np.concatenate([*rows, *more], axis=1)
-        jacobian = np.concatenate([*columns, *their], axis=1)
+        all_rows = np.concatenate([*rows, *more], axis=1)
+        all_columns = np.concatenate([*columns, *their], axis=1)
         return Linear(
-            residual, jacobian, cost, curve.mean, per.mean, curve.slope, curve.bend, status
+            all_rows,
+            all_columns,
+            cost,
+            curve.mean,
+            per.mean,
+            curve.slope,
+            curve.curvature_variance,
+            status,
         )
 
-    def _curve(self, theta, per_z, active, lanes: Lanes) -> tuple[Carried, Carried, np.ndarray]:
+    def _curve(
+        self, theta, per_z, active, batch: Batch
+    ) -> tuple[MeasuredCurve, MeasuredCurve, np.ndarray]:
         """The curve at the points, its slopes along some elements, and the status."""
         fits, p = len(theta), len(active)
-        if not self.moves:
-            value, local, status = self._predicted(theta, lanes)
+        if not self.has_velocity_errors:
+            value, local, status = self._predicted(theta, batch)
             none = np.broadcast_to(0.0, value.shape)
             mean, slopes = value, self._by_element(local, per_z, active)
-            curve, per = Carried(mean, none, none), Carried(slopes, none, none)
+            curve, per = MeasuredCurve(mean, none, none), MeasuredCurve(slopes, none, none)
         else:
             wide, nodes = self._wide, len(self._wide.points.velocity) // self.count
-            value, local, status = wide._predicted(theta, lanes)
+            value, local, status = wide._predicted(theta, batch)
             jacobian = wide._by_element(local, per_z, active)
             value = value.reshape(fits, nodes, self.count)
             jacobian = jacobian.reshape(fits, nodes, self.count, p)
             parts, of_parts = [], []
             for errors, span in zip(self.errors, self.spans, strict=True):
-                parts.append(errors.carried(value[..., span]))
+                parts.append(errors.measured_curve(value[..., span]))
                 of_parts.append(
-                    errors.carried_slopes(value[..., span], jacobian[:, :, span], parts[-1].slope)
+                    errors.measured_curve_slopes(
+                        value[..., span], jacobian[:, :, span], parts[-1].slope
+                    )
                 )
             curve, per = (
-                Carried(*(np.concatenate(a, axis=1) for a in zip(*some, strict=True)))
+                MeasuredCurve(*(np.concatenate(a, axis=1) for a in zip(*some, strict=True)))
                 for some in (parts, of_parts)
             )
         if self.drag is None:
@@ -514,22 +529,22 @@ class Problem:
         laws = replace(self.laws, row=np.tile(self.laws.row, count))
         return replace(self, points=points, laws=laws, errors=())
 
-    def _predicted(self, theta, lanes: Lanes):
+    def _predicted(self, theta, batch: Batch):
         """The value at each fit and point, its slopes in the local parameters, and the status."""
-        leaves, of_leaves = self.laws.leaves(theta, lanes.contact, lanes.fixed)
+        leaves, of_leaves = self.laws.leaves(theta, batch.contact, batch.fixed)
         value = np.empty((len(theta), self.count))
         status, slopes = np.empty(value.shape, int), None
         for code in np.unique(self.points.observable):
             some = np.flatnonzero(self.points.observable == code)
             at: Any = slice(None) if len(some) == self.count else some
-            value[:, at], per, status[:, at] = self._of_observable(leaves, at, NAMES[code], lanes)
+            value[:, at], per, status[:, at] = self._of_observable(leaves, at, NAMES[code], batch)
             slopes = np.empty((len(per), *value.shape)) if slopes is None else slopes
             slopes[:, :, at] = per
         if of_leaves is not None:  # from the slopes in the leaves
             slopes = np.einsum("afn,fnaq->qfn", slopes, of_leaves[:, self.laws.row])
         return value, slopes, status
 
-    def _of_observable(self, leaves, at, name: str, lanes: Lanes):
+    def _of_observable(self, leaves, at, name: str, batch: Batch):
         """Predictions at points of one observable, with derivatives in the leaves that are not fixed."""
         laws, row, fits = self.laws, self.laws.row[at], len(leaves[0])
         flat = []
@@ -537,7 +552,7 @@ class Problem:
             fixed = laws.shape.shared[k] and k not in laws.moving
             values = leaf[0, 0] if fixed else leaf[:, row].reshape(-1, *leaf.shape[2:])
             flat.append(np.asarray(values, float))
-        velocity = self.points.velocity if lanes.velocity is None else lanes.velocity
+        velocity = self.points.velocity if batch.velocity is None else batch.velocity
         velocity = np.broadcast_to(velocity, (fits, self.count))[:, at].ravel()
         expanded = expand(laws.shape, flat, velocity, laws.moving, self.route, name)
         value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in expanded)
@@ -576,7 +591,7 @@ class Problem:
             members, count = list(pool.members), len(pool.members)
             per = np.zeros((count, len(self.elements)))
             per[:, members] = (np.eye(count) - 1 / count) / pool.spread
-            off = z[:, members] - (0.0 if centre is None else centre[:, members])
-            off = off - np.mean(off, axis=1, keepdims=True)
+            deviation = z[:, members] - (0.0 if centre is None else centre[:, members])
+            deviation = deviation - np.mean(deviation, axis=1, keepdims=True)
             slopes = np.broadcast_to(per[:, self.active], (fits, count, len(self.active)))
-            yield off / pool.spread, slopes
+            yield deviation / pool.spread, slopes

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.material import Estimate
-from calibration.fitting.methods import condense
-from calibration.fitting.neighbourhoods import condensed
+from calibration.fitting.methods import factorise
+from calibration.fitting.neighbourhoods import binned
 from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.problem import FARTHEST as FURTHEST
 from calibration.fitting.search import search
@@ -67,12 +67,12 @@ class ProfileTask(NamedTuple):
 
     problem: Problem  # where it ended, as `search` takes it
     z: Float[np.ndarray, " elements"]
-    begun: Float[np.ndarray, " elements"]
+    reference_start: Float[np.ndarray, " elements"]
     variance: float  # of a weighted residual
     columns: Int[np.ndarray, " some"]  # which of the active elements
     errors: Float[np.ndarray, " some"]  # their standard errors in z
     # +1 or -1 for those held at an end of their range: only the other way is gone
-    limits: Int[np.ndarray, " some"]
+    bound_side: Int[np.ndarray, " some"]
     quantiles: Float[np.ndarray, " some"]  # √Δχ² at the limits of each
 
 
@@ -84,32 +84,32 @@ class _Walks:
     """
 
     def __init__(self, tasks: Sequence[ProfileTask]):
-        self.problem, lanes = as_one([task.problem for task in tasks])
+        self.problem, batch = as_one([task.problem for task in tasks])
         problem, z = self.problem, np.array([task.z for task in tasks])
         walks = [
             (t, k, sign)
             for t, task in enumerate(tasks)
-            for k, end in enumerate(task.limits)
+            for k, end in enumerate(task.bound_side)
             for sign in (-1, 1)
             if sign != end
         ]
         self.of, _, self.signs = np.transpose(walks)
-        self.columns, self.steps, self.quantile, limits = (
+        self.columns, self.steps, self.quantile, bound_side = (
             np.array([getattr(tasks[t], name)[k] for t, k, _ in walks])
-            for name in ("columns", "errors", "quantiles", "limits")
+            for name in ("columns", "errors", "quantiles", "bound_side")
         )
-        self.begun, self.variance = (
+        self.reference_start, self.variance = (
             np.array([getattr(task, name) for task in tasks])[self.of]
-            for name in ("begun", "variance")
+            for name in ("reference_start", "variance")
         )
-        self.lanes, self.z, from_end = lanes.some(self.of), z[self.of], limits != 0
+        self.batch, self.z, from_end = batch.select(self.of), z[self.of], bound_side != 0
         self.positions = problem.active[self.columns]
         self.fixed = self.columns[:, None] == np.arange(len(problem.active))
         kind = problem.transform.kind[self.positions]
         self.scaled = kind != NONE
         self.highest = problem.transform.part(problem.active).highest()
         self.centre = self.z[np.arange(len(walks)), self.positions]
-        at_z = problem.linearise(z, lanes, slopes=False).cost
+        at_z = problem.linearise(z, batch, slopes=False).cost
         self.lowest = 2 * at_z[self.of]
         reach = np.where(from_end, FURTHEST + FARTHEST, FARTHEST)
         # a search that began at an end is farther off: the middle of two bounds is z = 0
@@ -149,32 +149,42 @@ class _Walks:
 
     def _search(self, start, which):
         """The others searched, from some start; where the cost jumps, from other yields too."""
-        count, moves = 1, self.problem.moves_yield
-        if moves is not None:
+        count, yield_elements = 1, self.problem.affects_yield
+        if yield_elements is not None:
             # others of a yield that is profiled itself are none
             count, at = 1 + len(OTHER_YIELDS), self.positions[which]
-            other = np.where(moves, 1.0, 0.0) * (np.arange(len(moves)) != at[:, None])
+            other = np.where(yield_elements, 1.0, 0.0) * (
+                np.arange(len(yield_elements)) != at[:, None]
+            )
             shifts = np.concatenate([[0.0], OTHER_YIELDS])
-            start = (start[:, None] + shifts[:, None] * other[:, None]).reshape(-1, len(moves))
+            start = (start[:, None] + shifts[:, None] * other[:, None]).reshape(
+                -1, len(yield_elements)
+            )
             which = np.repeat(which, count)
-        keywords = {"begun": self.begun[which], "fixed": self.fixed[which], "limit": STEPS}
-        keywords |= {"lanes": self.lanes.some(which), "enough": ENOUGH * self.variance[which]}
+        keywords = {
+            "reference_start": self.reference_start[which],
+            "fixed": self.fixed[which],
+            "limit": STEPS,
+        }
+        keywords |= {"batch": self.batch.select(which), "enough": ENOUGH * self.variance[which]}
         ends = search(self.problem, start, **keywords)
         best = np.argmin(ends.cost.reshape(-1, count), axis=1)
-        return ends.some(best + count * np.arange(len(best)))
+        return ends.select(best + count * np.arange(len(best)))
 
     def _foreseen(self, at, which) -> np.ndarray:
         """First-order change of the other parameters when the profiled ones move."""
         z = self.z[which]
         rows = np.arange(len(which))
         move = at - z[rows, self.positions[which]]
-        linear = self.problem.linearise(z, self.lanes.some(which))
+        linear = self.problem.linearise(z, self.batch.select(which))
         # the column that moves stands in for the residual: its answer is the others' least squares
         moving = linear.jacobian[rows, :, self.columns[which]]
-        begun = np.where(np.isnan(self.begun[which]), z, self.begun[which])
-        at_an_end = np.abs(z - begun)[:, self.problem.active] > 0.9 * FURTHEST
+        reference_start = np.where(
+            np.isnan(self.reference_start[which]), z, self.reference_start[which]
+        )
+        at_an_end = np.abs(z - reference_start)[:, self.problem.active] > 0.9 * FURTHEST
         at_an_end |= z[:, self.problem.active] >= self.highest
-        answer = condense(moving, linear.jacobian, self.fixed[which] | at_an_end).newton
+        answer = factorise(moving, linear.jacobian, self.fixed[which] | at_an_end).newton
         scaled = self.problem.transform.kind[self.problem.active] != NONE
         answer = answer * move[:, None]
         limited = np.clip(answer, -LARGEST_ANSWER, LARGEST_ANSWER)
@@ -197,8 +207,8 @@ class _Walks:
             tell(len(set(self.of) - set(self.of[k])))
             if not len(k):
                 break
-            left = self.reach[k] - np.abs(low[k] - self.centre[k])
-            ahead = low[k] + self.signs[k] * np.minimum(stride[k], left)
+            remaining = self.reach[k] - np.abs(low[k] - self.centre[k])
+            ahead = low[k] + self.signs[k] * np.minimum(stride[k], remaining)
             with np.errstate(invalid="ignore", divide="ignore"):
                 part = np.clip(f_low[k] / (f_low[k] - f_high[k]), 0.0, 1.0)
             part = np.where(np.isfinite(part), part, 0.5)
@@ -207,25 +217,29 @@ class _Walks:
             z, rise, steps = self.refit(at, k, np.where(between, f_high[k], 0.0) + quantile[k])
             self._saw(k, at, rise)
             f = rise - quantile[k]
-            over = f >= 0
-            self.z[k[~over]] = z[~over]
+            is_beyond = f >= 0
+            self.z[k[~is_beyond]] = z[~is_beyond]
             better = stride[k] * np.clip(
                 quantile[k] / POINTS / np.maximum(f - f_low[k], 1e-3), 0.5, 2.0
             )
             limit = np.where(self.scaled[k] & (steps > EASY), STRIDE, np.inf)
             stride[k] = np.minimum(better, limit)
-            gone = ~over & ~between & (left - np.abs(at - low[k]) <= self.reach[k] * ROUNDING)
-            f_low[k[between & over & (side[k] > 0)]] *= 0.5  # an end that stays counts half
-            f_high[k[between & ~over & (side[k] < 0)]] *= 0.5
-            side[k] = np.where(between, np.where(over, 1.0, -1.0), 0.0)
-            low[k], f_low[k] = np.where(over, low[k], at), np.where(over, f_low[k], f)
-            high[k], f_high[k] = np.where(over, at, high[k]), np.where(over, f, f_high[k])
-            crossing[k[over | between]] = at[over | between]
+            gone = (
+                ~is_beyond
+                & ~between
+                & (remaining - np.abs(at - low[k]) <= self.reach[k] * ROUNDING)
+            )
+            f_low[k[between & is_beyond & (side[k] > 0)]] *= 0.5  # an end that stays counts half
+            f_high[k[between & ~is_beyond & (side[k] < 0)]] *= 0.5
+            side[k] = np.where(between, np.where(is_beyond, 1.0, -1.0), 0.0)
+            low[k], f_low[k] = np.where(is_beyond, low[k], at), np.where(is_beyond, f_low[k], f)
+            high[k], f_high[k] = np.where(is_beyond, at, high[k]), np.where(is_beyond, f, f_high[k])
+            crossing[k[is_beyond | between]] = at[is_beyond | between]
             close = (np.abs(high[k] - low[k]) <= TOLERANCE) | (np.abs(f) <= TOLERANCE)
             going[k] = ~(gone | (between & close))
         which = np.flatnonzero(np.isfinite(crossing))
-        if self.problem.moves_yield is not None:
-            yields = which[self.problem.moves_yield[self.positions[which]]]
+        if self.problem.affects_yield is not None:
+            yields = which[self.problem.affects_yield[self.positions[which]]]
             crossing[yields] = self._outermost(crossing[yields], yields)
         if len(which):  # one look beyond each limit, for the picture
             at = self.centre[which] + BEYOND * (crossing[which] - self.centre[which])
@@ -269,7 +283,7 @@ def profiles(
     return [
         {
             label: _profile(state, np.flatnonzero(members), label, int(limit), crossing)
-            for column, limit in zip(task.columns, task.limits, strict=True)
+            for column, limit in zip(task.columns, task.bound_side, strict=True)
             for members in [(state.of == t) & (state.columns == column)]
             for label in [task.problem.elements[task.problem.active[column]].label]
         }
@@ -329,29 +343,40 @@ def _requested(fit: ComponentFit, confidence: float) -> ProfileTask | None:
     if variance is None:
         return None
     errors = known.errors[problem.active]
-    limits = known.limits[problem.active]
-    errors = np.where(limits != 0, FROM_END, errors)
+    bound_side = known.bound_side[problem.active]
+    errors = np.where(bound_side != 0, FROM_END, errors)
     # a number of a network, or the error of the drag coefficient, which has a Gaussian prior, is no
     # parameter of whose profile anybody makes use
     names = [problem.elements[k].name for k in problem.active]
     unread = np.array(["[" in name or name == DRAG for name in names])
     profiled = (errors > LEAST_ERROR) & ~known.undetermined[problem.active] & ~unread
     columns = np.flatnonzero(profiled)
-    degrees = np.where(limits != 0, _left(fit), known.degrees[problem.active])[columns]
-    reach = np.atleast_1d(quantile(confidence, degrees)) * known.widened[problem.active[columns]]
+    degrees = np.where(bound_side != 0, _noise_dof(fit), known.parameter_dof[problem.active])[
+        columns
+    ]
+    reach = (
+        np.atleast_1d(quantile(confidence, degrees)) * known.se_inflation[problem.active[columns]]
+    )
     if not len(columns):
         return None
-    few = condensed(problem, fit.z)
+    few = binned(problem, fit.z)
     return ProfileTask(
-        few, fit.z, fit.begun, variance, columns, errors[columns], limits[columns], reach
+        few,
+        fit.z,
+        fit.reference_start,
+        variance,
+        columns,
+        errors[columns],
+        bound_side[columns],
+        reach,
     )
 
 
-def _left(fit: ComponentFit) -> float:
+def _noise_dof(fit: ComponentFit) -> float:
     """Degrees of freedom of the noise: of what has no standard error of its own."""
     if all(errors.is_stated for errors in fit.stages[0].problem.errors):
         return np.inf
-    return float(np.min(fit.uncertainty.left))
+    return float(np.min(fit.uncertainty.residual_dof))
 
 
 def _variance(fit: ComponentFit) -> float | None:
@@ -380,7 +405,7 @@ def estimates(
         is_read = "[" not in e.name and e.name != DRAG
         if estimate.method == "wald" and estimate.standard_error is not None and is_read:
             estimate = replace(estimate, skewed=None)
-            if not curves and np.any(fit.uncertainty.limits):  # too narrow: another is held
+            if not curves and np.any(fit.uncertainty.bound_side):  # too narrow: another is held
                 estimate = replace(estimate, standard_error=None, low=None, high=None)
         table[k] = estimate
     return table
@@ -397,7 +422,7 @@ def is_skewed(value, error, low: float | None, high: float | None, quantile: flo
 def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: float) -> Estimate:
     """Value, standard error and interval: the profile's where there is one."""
     known, value = fit.uncertainty, float(fit.theta[k])
-    if known.limits[k]:
+    if known.bound_side[k]:
         return _at_an_end(fit, k, curve)
     if known.undetermined[k]:
         return Estimate(value, method="undetermined", free=True)
@@ -408,11 +433,11 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
     slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
     error = slope * z_error if known.definite else None
     if curve is not None:
-        q = float(quantile(confidence, known.degrees[k]))
+        q = float(quantile(confidence, known.parameter_dof[k]))
         skewed = error is not None and is_skewed(value, error, curve.low, curve.high, q)
         error = None if skewed else error
         return Estimate(value, error, curve.low, curve.high, "profile", True, False, skewed)
-    reach = quantile(confidence, known.degrees[k]) * z_error
+    reach = quantile(confidence, known.parameter_dof[k]) * z_error
     ends: list[float | None] = []
     for sign in (-1, 1):
         is_finite = transform.kind[0] == NONE or reach < FARTHEST
@@ -423,7 +448,7 @@ def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: fl
 
 def _at_an_end(fit: ComponentFit, k: int, curve: Profile | None) -> Estimate:
     """Estimate at a bound, with a one-sided interval if there is a profile; or one that grew without bound."""
-    limit = fit.uncertainty.limits[k]
+    limit = fit.uncertainty.bound_side[k]
     bound = float(fit.final.problem.transform.bound_beyond(limit)[k])
     low, high = (None, None) if curve is None else (curve.low, curve.high)
     method = "undetermined" if curve is None else "profile"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from calibration.fitting.problem import AT_ONCE, Lanes, Linear, Problem
+from calibration.fitting.problem import AT_ONCE, Batch, Linear, Problem
 from calibration.fitting.search import Ends, search
 from calibration.fitting.stages import ComponentFit, along_valley
 from calibration.fitting.variances import (
@@ -20,7 +20,7 @@ from calibration.fitting.variances import (
 )
 
 STEPS = 200  # of one refit
-ROUNDS = 12  # in which a refit and its variances settle
+ROUNDS = 12  # of a refit and its variances in turn
 SETTLED = 1e-6  # change of z from round to round
 
 
@@ -33,15 +33,22 @@ def _refitted(fit: ComponentFit, again: Callable[[Problem, Any], Ends], count: i
     return z, converged
 
 
-def with_own_noise(problem: Problem, z, lanes: Lanes, begun=None) -> Ends:
+def with_own_noise(problem: Problem, z, batch: Batch, reference_start=None) -> Ends:
     """Searches from z, each with the variances of its own residuals."""
-    end = search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
+    end = search(problem, z, reference_start=reference_start, batch=batch, limit=STEPS)
     if not needs_variances(problem) or not any(errors.unknown for errors in problem.errors):
         return end
     for _ in range(ROUNDS):
-        before, variances = end.z, variances_at(problem, end.z, lanes)
-        lanes = lanes._replace(variances=variances)
-        end = search(problem, before, begun=end.begun, lanes=lanes, limit=STEPS, releases=0)
+        before, variances = end.z, variances_at(problem, end.z, batch)
+        batch = batch._replace(variances=variances)
+        end = search(
+            problem,
+            before,
+            reference_start=end.reference_start,
+            batch=batch,
+            limit=STEPS,
+            releases=0,
+        )
         if np.max(np.abs(end.z - before), initial=0.0) <= SETTLED:
             break
     return end
@@ -75,11 +82,13 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
         first, drawn = fit.stages[0].problem, []
         curve = first.linearise(fit.z[None])
         for errors, s, span in zip(first.errors, first.variances, first.spans, strict=True):
-            off = errors.simulate(s, curve.carried(span), random, count)
-            drawn.append(curve.prediction[:, span] + off)
+            residual = errors.simulate(s, curve.measured_curve(span), random, count)
+            drawn.append(curve.prediction[:, span] + residual)
         value = np.maximum(np.concatenate(drawn, axis=1), 0.0)
-        lanes = Lanes(value=value, centre=_centres(fit, random, count))
-        again = partial(_of_simulated, lanes=lanes, begun=np.tile(fit.begun, (count, 1)))
+        batch = Batch(value=value, centre=_centres(fit, random, count))
+        again = partial(
+            _of_simulated, batch=batch, reference_start=np.tile(fit.reference_start, (count, 1))
+        )
         z, converged = _refitted(fit, again, count)
         batches.append(fit.final.problem.transform.physical(z))
         arrived.append(converged)
@@ -96,7 +105,7 @@ def bootstrap(fits: list[ComponentFit], count: int, seed: int, confidence: float
 
 
 def _centres(fit: ComponentFit, random, count: int) -> Float[np.ndarray, "fits elements"]:
-    """What priors and pools are centred on: drawn about the fit with their deviations."""
+    """Draw the centres of priors and pools about the fit, with their deviations."""
     centre = np.tile(fit.theta, (count, 1))
     for k, prior in enumerate(e.parameter.prior for e in fit.component.elements):
         if prior is not None:
@@ -107,17 +116,20 @@ def _centres(fit: ComponentFit, random, count: int) -> Float[np.ndarray, "fits e
     return centre
 
 
-def _of_simulated(problem: Problem, z, lanes: Lanes, begun) -> Ends:
+def _of_simulated(problem: Problem, z, batch: Batch, reference_start) -> Ends:
     """Fits to simulated data; where velocities have errors the lowest of each one's minima near there."""
-    first, fits = with_own_noise(problem, z, lanes, begun), len(z)
-    if not problem.moves or needs_variances(problem) or not len(problem.active):
+    first, fits = with_own_noise(problem, z, batch, reference_start), len(z)
+    if not problem.has_velocity_errors or needs_variances(problem) or not len(problem.active):
         return first
     starts = along_valley(problem, first.z)
-    twice, begun = lanes.some(np.tile(np.arange(fits), 2)), np.tile(begun, (2, 1))
-    more = search(problem, starts, begun=begun, lanes=twice, limit=STEPS)
+    twice, reference_start = (
+        batch.select(np.tile(np.arange(fits), 2)),
+        np.tile(reference_start, (2, 1)),
+    )
+    more = search(problem, starts, reference_start=reference_start, batch=twice, limit=STEPS)
     both = Ends._make(map(np.concatenate, zip(first, more, strict=True)))
     cost = np.where(both.converged, both.cost, np.inf).reshape(3, fits)
-    return both.some(np.argmin(cost, axis=0) * fits + np.arange(fits))
+    return both.select(np.argmin(cost, axis=0) * fits + np.arange(fits))
 
 
 FEW = 400  # points up to which each is left out by itself
@@ -171,7 +183,7 @@ class LeaveOneOut:
 
     @property
     def elpd_se(self) -> float:
-        """Its standard error."""
+        """Standard error of `elpd`."""
         return self.error_of_sum(self.log_density)
 
     def error_of_sum(self, values: Float[np.ndarray, " n"]) -> float:
@@ -211,10 +223,10 @@ def _left_out(fit: ComponentFit) -> LeaveOneOut:
     if problem.count > FEW and units > FOLDS:
         fold = (np.random.default_rng(0).permutation(units) % FOLDS)[unit]
     method = _without_groups if shares else _without_points
-    off, density, arrived = method(fit, fold, unit)
+    residual, density, arrived = method(fit, fold, unit)
     density = density - np.log(problem.points.unit)
-    predicted = off + problem.points.value
-    return LeaveOneOut(predicted, off, density, _pointwise(fit), unit, fold, arrived)
+    predicted = residual + problem.points.value
+    return LeaveOneOut(predicted, residual, density, _pointwise(fit), unit, fold, arrived)
 
 
 def units_of(problem: Problem) -> Int[np.ndarray, " n"]:
@@ -238,15 +250,19 @@ def _pointwise(fit: ComponentFit) -> Float[np.ndarray, " n"]:
     """ln p of each point by the likelihood of the fit."""
     first = fit.stages[0].problem
     linear, at = fit.final.problem.linearise(fit.z[None]), first.linearise(fit.z[None])
-    off, parts = linear.prediction - first.points.value, []
+    residual, parts = linear.prediction - first.points.value, []
     for errors, s, span in zip(first.errors, first.variances, first.spans, strict=True):
-        parts.append(errors.by_point(s, off[:, span], at.slope[:, span], at.bend[:, span])[0])
+        parts.append(
+            errors.by_point(
+                s, residual[:, span], at.slope[:, span], at.curvature_variance[:, span]
+            )[0]
+        )
     return np.concatenate(parts)
 
 
 def _fixed(fit: ComponentFit) -> Bool[np.ndarray, " p"]:
     """Elements at an end of their range, which stay there."""
-    return fit.uncertainty.limits[fit.final.problem.active] != 0
+    return fit.uncertainty.bound_side[fit.final.problem.active] != 0
 
 
 def _without_points(fit: ComponentFit, fold: np.ndarray, unit: np.ndarray):
@@ -256,15 +272,15 @@ def _without_points(fit: ComponentFit, fold: np.ndarray, unit: np.ndarray):
         Predicted less measured, densities, and whether all refits arrived; as the others.
     """
     folds, problem = int(np.max(fold)) + 1, fit.final.problem
-    off, density = np.empty((2, problem.count))
+    residual, density = np.empty((2, problem.count))
     arrived, most = True, max(1, MOST // problem.count)
     for some in np.split(np.arange(folds), np.arange(most, folds, most)):
         kept = (fold != some[:, None]).astype(float)
 
         def again(problem: Problem, z, kept=kept) -> Ends:
-            lanes = Lanes(copies=kept * problem.points.copies)
-            begun = np.broadcast_to(fit.begun, z.shape)
-            return search(problem, z, begun=begun, lanes=lanes, limit=STEPS)
+            batch = Batch(copies=kept * problem.points.copies)
+            reference_start = np.broadcast_to(fit.reference_start, z.shape)
+            return search(problem, z, reference_start=reference_start, batch=batch, limit=STEPS)
 
         z, converged = _refitted(fit, again, len(some))
         arrived = arrived and bool(np.all(converged))
@@ -273,28 +289,28 @@ def _without_points(fit: ComponentFit, fold: np.ndarray, unit: np.ndarray):
             of_all, scores = _scored(fit, z[part], kept[part])
             is_left_out = np.isin(fold, some[part])
             at = fold[is_left_out] - some[part[0]], np.flatnonzero(is_left_out)
-            off[is_left_out], density[is_left_out] = of_all[at], scores[at]
-    return off, density, arrived
+            residual[is_left_out], density[is_left_out] = of_all[at], scores[at]
+    return residual, density, arrived
 
 
 def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     """Predicted less measured by refits, and densities of what each left out."""
     problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
     linear = problem.linearise(z)
-    off = linear.prediction - problem.points.value
-    variance, families = np.empty(off.shape), []
-    for errors, s, carried, span in zip(
+    residual = linear.prediction - problem.points.value
+    variance, families = np.empty(residual.shape), []
+    for errors, s, block, span in zip(
         first.errors, first.variances, first.residuals_at(z), first.spans, strict=True
     ):
         mask = np.where(np.any(kept[:, span] > 0, axis=1)[:, None], kept[:, span], 1.0)
         raw = np.where(fixed, 0.0, linear.per[:, span])
-        carried = carried._replace(off=off[:, span], jacobian=raw, kept=mask)
-        at = carried.slope, carried.bend
-        s = estimated(errors, carried, True, s) if errors.unknown else s
-        variance[:, span] = total = errors.variance(s, *at) + np.zeros(off[:, span].shape)
+        block = block._replace(residual=residual[:, span], jacobian=raw, included=mask)
+        at = block.slope, block.curvature_variance
+        s = estimated(errors, block, True, s) if errors.unknown else s
+        variance[:, span] = total = errors.variance(s, *at) + np.zeros(residual[:, span].shape)
         degrees: Any = np.inf
         if errors.unknown and not errors.is_stated and errors.noise.is_least_squares:
-            relative = relative_covariance(errors, s, carried)
+            relative = relative_covariance(errors, s, block)
             per = [errors.variance({**s, k: 2 * s[k]}, *at) - total for k in errors.unknown]
             spread = np.einsum("cfn,fcd,dfn->fn", per, relative, per)
             with np.errstate(divide="ignore"):
@@ -306,8 +322,8 @@ def _scored(fit: ComponentFit, z: np.ndarray, kept: np.ndarray):
     information = np.swapaxes(there, 1, 2) @ there + np.swapaxes(others, 1, 2) @ others
     covariance = np.linalg.pinv(information, rcond=SEEN, hermitian=True)
     spread = variance + np.einsum("fnp,fpq,fnq->fn", rows, covariance, rows)
-    density = [f.log_predictive(off[:, s], spread[:, s], nu) for f, s, nu in families]
-    return off, np.concatenate(density, axis=1)
+    density = [f.log_predictive(residual[:, s], spread[:, s], nu) for f, s, nu in families]
+    return residual, np.concatenate(density, axis=1)
 
 
 def _slopes(fit: ComponentFit, linear: Linear) -> np.ndarray:
@@ -322,34 +338,41 @@ def _slopes(fit: ComponentFit, linear: Linear) -> np.ndarray:
 def _without_groups(fit: ComponentFit, fold: np.ndarray, unit: np.ndarray):
     """Refits without each fold of points that share errors, with the variances of the fit."""
     problem, first, fixed = fit.final.problem, fit.stages[0].problem, _fixed(fit)
-    off, density = np.empty((2, problem.count))
+    residual, density = np.empty((2, problem.count))
     arrived = True
     for number in range(int(np.max(fold)) + 1):
         rows = fold == number
 
         def again(problem: Problem, z, others=~rows) -> Ends:
-            return search(problem.kept(others), z, begun=fit.begun[None], limit=STEPS)
+            return search(
+                problem.select_points(others),
+                z,
+                reference_start=fit.reference_start[None],
+                limit=STEPS,
+            )
 
         z, converged = _refitted(fit, again)
-        arrived, remaining = arrived and bool(converged[0]), problem.kept(~rows)
+        arrived, remaining = arrived and bool(converged[0]), problem.select_points(~rows)
         there = np.where(fixed, 0.0, remaining.linearise(z).jacobian[0])
         inverse = np.linalg.pinv(there.T @ there, rcond=SEEN**2, hermitian=True)
-        mine = problem.kept(rows)
-        left = replace(first.kept(rows), active=problem.active, laws=mine.laws)
-        off[rows] = mine.linearise(z, slopes=False).prediction[0] - mine.points.value
+        mine = problem.select_points(rows)
+        removed = replace(first.select_points(rows), active=problem.active, laws=mine.laws)
+        residual[rows] = mine.linearise(z, slopes=False).prediction[0] - mine.points.value
         places = np.flatnonzero(rows)
-        for errors, s, carried, part in zip(
-            left.errors, left.variances, left.residuals_at(z), left.spans, strict=True
+        for errors, s, block, part in zip(
+            removed.errors, removed.variances, removed.residuals_at(z), removed.spans, strict=True
         ):
-            slopes, of_unit = np.where(fixed, 0.0, carried.jacobian[0]), unit[places[part]]
-            for k in np.unique(of_unit):
-                own = np.flatnonzero(of_unit == k)
-                alone, place = errors.some(own), places[part][own]
-                at = [a[0, own] if np.ndim(a) else a for a in (carried.slope, carried.bend)]
-                variance = alone.times(alone.factor(s, *at), np.eye(len(own)))
+            slopes, units_of_part = np.where(fixed, 0.0, block.jacobian[0]), unit[places[part]]
+            for k in np.unique(units_of_part):
+                own = np.flatnonzero(units_of_part == k)
+                of_unit, place = errors.select(own), places[part][own]
+                at = [
+                    a[0, own] if np.ndim(a) else a for a in (block.slope, block.curvature_variance)
+                ]
+                variance = of_unit.times(of_unit.factor(s, *at), np.eye(len(own)))
                 spread = variance + slopes[own] @ inverse @ slopes[own].T
-                density[place] = _joint(off[place], spread)
-    return off, density, arrived
+                density[place] = _joint(residual[place], spread)
+    return residual, density, arrived
 
 
 def _joint(residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -17,12 +17,12 @@ from calibration.errors import DataError, is_finite_number, listed
 from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import (
+    AFFECTS_YIELD,
     CONTACT_LEAVES,
     EXTRA,
     KNOWN,
     LAWS,
     LINE,
-    MOVE_YIELD,
     OF_CONTACT,
     WITHOUT_CONTACT,
     LawModel,
@@ -259,9 +259,11 @@ def _identified(data, by_name: dict[str, Parameter], model: LawModel, options):
     fixed, measured = Parameter(free=False), np.isfinite(data.restitution)
     if not np.any(measured):  # neither enters the force
         return {"sigma": fixed, "psi": fixed} | by_name, model
-    moves = any(by_name[n].free for leaf in MOVE_YIELD if (n := OF_CONTACT + leaf) in by_name)
+    yield_may_move = any(
+        by_name[n].free for leaf in AFFECTS_YIELD if (n := OF_CONTACT + leaf) in by_name
+    )
     below = (data.velocity <= _highest_yield(data.contact, by_name))[measured]
-    if np.all(below) and not moves and not data.observed:
+    if np.all(below) and not yield_may_move and not data.observed:
         names = LINE if {*LINE} & {*by_name} else ("chi",)
         held = {name: p for name, p in by_name.items() if name in names and not p.free}
         return by_name | dict.fromkeys(names, fixed) | held, model
@@ -274,7 +276,7 @@ def _identified(data, by_name: dict[str, Parameter], model: LawModel, options):
 def _highest_yield(contact: sj.Contact, parameters: Mapping[str, Parameter]) -> np.ndarray:
     """The highest critical velocity that prior and bounds of the contact's numbers allow [m/s]."""
     corner = {}
-    for leaf, power in MOVE_YIELD.items():
+    for leaf, power in AFFECTS_YIELD.items():
         parameter = parameters.get(OF_CONTACT + leaf, Parameter(free=False))
         value = getattr(contact, leaf) if parameter.value is None else parameter.value
         if parameter.free:
@@ -515,14 +517,14 @@ def _problem(
     if not getattr(model.law_type, "jumps_at_yield", False):
         return problem
     moved = [k in active and _moves_yield(problem, theta, k) for k in range(len(elements))]
-    return replace(problem, moves_yield=np.array(moved)) if any(moved) else problem
+    return replace(problem, affects_yield=np.array(moved)) if any(moved) else problem
 
 
 def _moves_yield(problem: Problem, theta: np.ndarray, k: int) -> bool:
     """Whether the critical velocity depends on an element; of a law that a function builds it is tried."""
     name, model = problem.elements[k].name, problem.laws.model
     if name.startswith(OF_CONTACT):
-        return name.removeprefix(OF_CONTACT) in MOVE_YIELD
+        return name.removeprefix(OF_CONTACT) in AFFECTS_YIELD
     if model.direct or model.key in KNOWN:
         return False
     first = np.flatnonzero(np.isin(problem.points.set, problem.elements[k].sets))[:1]

@@ -20,7 +20,12 @@ from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.inputs import stated_inputs
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.fitting.budget import Budget, budget_of, effects_of_one_per_cent, widened
+from calibration.fitting.budget import (
+    Budget,
+    budget_of,
+    effects_of_one_per_cent,
+    with_input_uncertainty,
+)
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
@@ -38,7 +43,7 @@ from calibration.fitting.stages import (
     likelihood_of,
 )
 from calibration.fitting.summary import results_at, summarise
-from calibration.fitting.uncertainty import Freedom
+from calibration.fitting.uncertainty import DegreesOfFreedom
 from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
@@ -85,7 +90,7 @@ class FitResult:
         warnings: all of them.
         optimiser_report: what each stage took.
         profiles: by parameter label.
-        freedoms: how well the noise is known that the covariance comes from, of each component.
+        dof_by_component: how well the noise is known that the covariance comes from, of each component.
         pooled: mean and spread of parameters that are pooled, "chi" and "chi_spread"; the spread on
             the scale that is searched, ln θ where θ is positive.
         settings, versions, times: how, with what, how long [s].
@@ -107,7 +112,7 @@ class FitResult:
     warnings: tuple[FitWarning, ...]
     optimiser_report: tuple[Stage, ...]
     profiles: dict[str, Profile]
-    freedoms: tuple[Freedom, ...]
+    dof_by_component: tuple[DegreesOfFreedom, ...]
     settings: dict[str, Any]
     versions: dict[str, str]
     times: dict[str, float] = field(default_factory=dict)
@@ -164,8 +169,8 @@ class FitResult:
         table: dict[str, Estimate] = {}
         for material in self.materials:
             for name, estimate in {**material.derived, **material.parameters}.items():
-                alone = len(self.materials) == 1 or name in LINE
-                table[name if alone else f"{name}[{material.name}]"] = estimate
+                is_single = len(self.materials) == 1 or name in LINE
+                table[name if is_single else f"{name}[{material.name}]"] = estimate
                 if name in material.labels:
                     table[material.labels[name]] = estimate
         return table | self.pooled
@@ -279,9 +284,9 @@ class FitResult:
         if label not in self.covariance_names:
             return None
         k = self.covariance_names.index(label)
-        freedom = next(f for f in self.freedoms if label in f.labels)
+        dof = next(f for f in self.dof_by_component if label in f.labels)
         variance = self.covariance[k, k]
-        degrees = freedom.degrees((label,), np.ones((1, 1)), np.array([variance]))[0]
+        degrees = dof.satterthwaite((label,), np.ones((1, 1)), np.array([variance]))[0]
         return float(degrees) if np.isfinite(degrees * variance) else None
 
     def extrapolation(self, velocity, name: str | None = None) -> FitWarning | None:
@@ -521,7 +526,7 @@ def fit(
         >>> round(result.values["chi"], 4)
         1.7944
     """
-    begun = time.perf_counter()
+    started = time.perf_counter()
     with progress_of(progress) as shown, jax.enable_x64(True):
         if isinstance(data, str | Path):
             data, law, parameters, options = _of_file(data, law, parameters, options)
@@ -531,7 +536,7 @@ def fit(
             raise DataError("progress", shown, accepted)
         request = Request(datasets_of(data), parameters, options_of_fit)
         result = _fitted(request, inputs, shown or (lambda *_: None))
-    result.times["total"] = time.perf_counter() - begun
+    result.times["total"] = time.perf_counter() - started
     return result
 
 
@@ -550,13 +555,13 @@ def _of_file(path: str | Path, law: Any, parameters: Any, options: dict[str, Any
 
 
 def _fitted(request: Request, stated: Mapping[str, Any] | None, tell: Progress) -> FitResult:
-    options, begun = request.options, time.perf_counter()
+    options, started = request.options, time.perf_counter()
     names = [data.name for data in request.datasets]
     pairs = zip(request.datasets, stated_inputs(stated, names), strict=True)
     inputs = [data.uncertain_inputs(own) for data, own in pairs]
     fits = fitted(request, lambda done, count: tell("fit", done, count))
     line = fit_line(request, fits)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - started
     curves: list[dict[str, Profile]] = [{} for _ in fits]
     if options.profiles:
         done = lambda count: tell("profiles", count, len(fits))  # noqa: E731
@@ -594,7 +599,9 @@ def _fitted(request: Request, stated: Mapping[str, Any] | None, tell: Progress) 
         warnings=tuple(dict.fromkeys(found_warnings)),
         optimiser_report=tuple(stage.report for stage in stages),
         profiles={label: curve for profiles in curves for label, curve in profiles.items()},
-        freedoms=tuple(f.uncertainty.freedom.physical(f.slope, f.uncertainty.whole) for f in fits),
+        dof_by_component=tuple(
+            f.uncertainty.dof.physical(f.slope, f.uncertainty.covariance_known_noise) for f in fits
+        ),
         settings=_settings(request, fits),
         versions={name: _version(name) for name in PACKAGES},
         times={"searches": seconds},
@@ -615,24 +622,26 @@ def _fitted(request: Request, stated: Mapping[str, Any] | None, tell: Progress) 
         return result
     if line is not None:
         named = dict(zip((data.name for data in request.datasets), inputs, strict=True))
-        alone = {material.name: material for material in ordered}
-        result = replace(result, unloading_line=with_inputs(line, named, budget, alone))
-    return _widened(result, budget)
+        by_name = {material.name: material for material in ordered}
+        result = replace(result, unloading_line=with_inputs(line, named, budget, by_name))
+    return _with_inputs(result, budget)
 
 
-def _widened(result: FitResult, budget: Budget) -> FitResult:
+def _with_inputs(result: FitResult, budget: Budget) -> FitResult:
     """The result with what uncertain inputs add to its errors and intervals."""
 
     def of(estimates: Mapping[str, Estimate], labels: Mapping[str, str]) -> dict[str, Estimate]:
         return {
-            name: widened(estimate, budget, labels.get(name, name), result.confidence)
+            name: with_input_uncertainty(
+                estimate, budget, labels.get(name, name), result.confidence
+            )
             for name, estimate in estimates.items()
         }
 
-    alone = len(result.materials) == 1
+    is_single = len(result.materials) == 1
     materials = []
     for material in result.materials:
-        derived = {n: n if alone else f"{n}[{material.name}]" for n in material.derived}
+        derived = {n: n if is_single else f"{n}[{material.name}]" for n in material.derived}
         parameters = of(material.parameters, material.labels)
         derived_too = of(material.derived, derived)
         materials.append(replace(material, parameters=parameters, derived=derived_too))

@@ -1,7 +1,7 @@
 """One least-squares search for one fit or a thousand, side by side.
 
 The loop stays on the host; what it asks for of all fits at once are residuals and Jacobians. These are
-condensed to a triangle, from which a method proposes a direction: Levenberg–Marquardt, or L-BFGS by optax.
+factorised (J = Q R), and from R a method proposes a direction: Levenberg–Marquardt, or L-BFGS by optax.
 
 An element that runs to an end of its range (a bound, or beyond every sensible value) is held there
 and the others are searched on: an end at a bound with the others at their minimum is a fit.
@@ -21,14 +21,14 @@ from jaxtyping import Bool, Float, Int
 from calibration.fitting.collisions import TINY_SQUARED
 from calibration.fitting.methods import (
     TINY,
-    Condensed,
     Fits,
     Lbfgs,
     Marquardt,
     Numbers,
-    condense,
+    QRFactors,
+    factorise,
 )
-from calibration.fitting.problem import FARTHEST, Lanes, Linear, Problem, acts_on_nothing
+from calibration.fitting.problem import FARTHEST, Batch, Linear, Problem, acts_on_nothing
 from calibration.parameters import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements
@@ -65,30 +65,32 @@ class Ends(NamedTuple):
     converged: Fits  # whether and why it stopped
     reason: np.ndarray  # (fits,) of text
     # for the active elements, +1 or -1 where one is held at an end of its range, else 0
-    limits: Int[np.ndarray, "fits p"]
+    bound_side: Int[np.ndarray, "fits p"]
     # from where it was measured whether an element runs to an end
-    begun: Float[np.ndarray, "fits elements"]
+    reference_start: Float[np.ndarray, "fits elements"]
     iterations: Int[np.ndarray, " fits"]  # steps taken
 
-    def some(self, which: Any) -> "Ends":
-        """Some of the searches side by side."""
+    def select(self, which: Any) -> "Ends":
+        """Select searches."""
         return Ends._make(a[which] for a in self)
 
 
 class _Search:
     """The state of one call of `search`."""
 
-    def __init__(self, problem: Problem, z, begun, fixed, lanes: Lanes, limit, releases, enough):
-        self.problem, self.lanes, self.limit = problem, lanes, limit
+    def __init__(
+        self, problem: Problem, z, reference_start, fixed, batch: Batch, limit, releases, enough
+    ):
+        self.problem, self.batch, self.limit = problem, batch, limit
         self.releases, self.enough = releases, enough
         self.z = np.array(z)
         fits, p = len(z), len(problem.active)
-        self.begun = np.where(np.isnan(begun), z, begun)
-        self.start = self.begun[:, problem.active]
+        self.reference_start = np.where(np.isnan(reference_start), z, reference_start)
+        self.start = self.reference_start[:, problem.active]
         sets = [problem.elements[k].sets for k in problem.active]
         self.owner = np.array([sets.index(own_sets) for own_sets in sets], int)
         self.fixed = np.broadcast_to(False if fixed is None else fixed, (fits, p))
-        self.limits = np.zeros((fits, p), int)
+        self.bound_side = np.zeros((fits, p), int)
         self.released = np.zeros(fits, int)
         self.reason = np.full(fits, "", dtype=object)
         self.iterations, self.level, self.creeps = np.zeros((3, fits), int)
@@ -103,8 +105,8 @@ class _Search:
         self.value, self.jacobian, self.cost = map(
             np.array, (linear.residual, linear.jacobian, linear.cost)
         )
-        self.at: Condensed
-        self._condense(all_fits)
+        self.at: QRFactors
+        self._factorise(all_fits)
 
     def _ends(self) -> list[np.ndarray]:
         """Bounds of the active elements of each fit, in z."""
@@ -162,36 +164,36 @@ class _Search:
         unit = np.maximum(self.unit, self.longer * np.abs(self.x))
         np.maximum.at(ways, (slice(None), self.owner), np.abs(direction) / unit)
         part = np.minimum(1.0, LARGEST_STEP / np.maximum(ways, 1e-300))
-        whole = np.max(np.where(ways > 0, part, 0.0), axis=1, keepdims=True)
-        share = (part / np.where(whole > 0, whole, 1.0))[:, self.owner]
+        longest_part = np.max(np.where(ways > 0, part, 0.0), axis=1, keepdims=True)
+        share = (part / np.where(longest_part > 0, longest_part, 1.0))[:, self.owner]
         uphill = np.einsum("fp,fp->f", self.at.gradient, direction * share) >= 0
         least = np.min(part, axis=1)
         share[uphill] = 1.0
-        return share, np.where(uphill, least, np.where(whole > 0, whole, 1.0)[:, 0])
+        return share, np.where(uphill, least, np.where(longest_part > 0, longest_part, 1.0)[:, 0])
 
     @property
     def _frozen(self) -> np.ndarray:
-        return self.fixed | (self.limits != 0)
+        return self.fixed | (self.bound_side != 0)
 
     def _at(self, z, fits) -> Linear:
-        return self.problem.linearise(z[fits], self.lanes.some(fits))
+        return self.problem.linearise(z[fits], self.batch.select(fits))
 
     def _put(self, fits, linear: Linear, which: Any = slice(None)) -> None:
         self.value[fits], self.jacobian[fits] = linear.residual[which], linear.jacobian[which]
         self.cost[fits] = linear.cost[which]
 
-    def _condense(self, fits: np.ndarray) -> None:
-        """Anew, where something has changed."""
+    def _factorise(self, fits: np.ndarray) -> None:
+        """Factorise the Jacobians of some fits anew."""
         none = acts_on_nothing(self.jacobian[fits], self._size[fits])
         rows = self.value[fits], self.jacobian[fits], self._frozen[fits] | none
-        condensed = condense(*rows, self.cost[fits])
+        factors = factorise(*rows, self.cost[fits])
         if np.all(fits):
-            self.at = condensed
+            self.at = factors
             return
         parts = [np.array(a) for a in self.at]
-        for part, new in zip(parts, condensed, strict=True):
+        for part, new in zip(parts, factors, strict=True):
             part[fits] = new
-        self.at = Condensed(*parts)
+        self.at = QRFactors(*parts)
 
     def _try(self, step) -> tuple[np.ndarray, np.ndarray]:
         """Fits whose cost fell enough (Armijo) and that moved, and the decrease over that promised."""
@@ -209,7 +211,7 @@ class _Search:
         self.z[moved] = trial[moved]
         self._put(moved, linear, moved[fits])
         self.iterations += moved
-        self._condense(moved)
+        self._factorise(moved)
         change, size = np.abs(before.cost - self.at.cost), np.abs(self.at.cost)
         self.level = np.where(moved & (change > ROUNDING * size), 0, self.level + moved)
         self.creeps = np.where(moved & (change > MUCH * size), 0, self.creeps + moved)
@@ -226,9 +228,9 @@ class _Search:
             self._hold(at_end)
         self._stop(moved & ~self.at.finite, NO_NUMBERS)
         # the longest element of the Gauss–Newton step that is left
-        left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
+        step_left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
         lowest = self.at.promised <= COST_TOLERANCE * 2 * np.abs(self.at.cost) + self.enough
-        arrived = moved & self.going & ((left <= STEP_TOLERANCE) | lowest)
+        arrived = moved & self.going & ((step_left <= STEP_TOLERANCE) | lowest)
         silent = arrived & np.any(self.at.silent & ~self._frozen, axis=1)
         far = silent[:, None] & self.at.silent & (self._way > NEARLY) & ~self._frozen
         if np.any(far):
@@ -238,8 +240,8 @@ class _Search:
         arrived &= ~(
             self._let_go(arrived) | self._release(arrived & (self.released < self.releases))
         )
-        left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
-        self._stop(arrived & (left <= STEP_TOLERANCE), ARRIVED[0])
+        step_left = np.max(np.abs(self.at.newton) / self.unit, axis=1, initial=0.0)
+        self._stop(arrived & (step_left <= STEP_TOLERANCE), ARRIVED[0])
         self._stop(arrived, ARRIVED[1])
 
     @property
@@ -250,47 +252,47 @@ class _Search:
     def _hold(self, which) -> None:
         sign = np.where(self.scaled, np.sign(self.x - self.start), -np.sign(self.at.gradient))
         sign = np.where(self.x >= self.upper, 1.0, sign)
-        self.limits = np.where(which, sign.astype(int), self.limits)
+        self.bound_side = np.where(which, sign.astype(int), self.bound_side)
         inside = np.clip(self.x, self.lowest, np.minimum(self.highest, self.upper))
         ends = np.where(which & self.scaled, inside, self.x)
         fits = np.any(ends != self.x, axis=1) & self.going
         self.z[:, self.problem.active] = ends
         if np.any(fits):
             self._put(fits, self._at(self.z, fits))
-        self._condense(np.any(which, axis=1))
+        self._factorise(np.any(which, axis=1))
 
     def _let_go(self, arrived) -> np.ndarray:
         """Let go of elements at a bound from which the cost now falls inwards."""
         gradient = np.einsum("fmp,fm->fp", self.jacobian, self.value)
         curvature = np.maximum(np.sum(self.jacobian**2, axis=1), TINY)
         at_end = (self.x <= self.lower) | (self.x >= self.upper)
-        inward = arrived[:, None] & at_end & (gradient * self.limits > 0) & ~self.fixed
+        inward = arrived[:, None] & at_end & (gradient * self.bound_side > 0) & ~self.fixed
         inward &= 0.5 * gradient**2 / curvature > FALLS * self.at.cost[:, None]
         back = np.any(inward, axis=1)
         if np.any(back):
-            self.limits[inward] = 0
-            self._condense(back)
+            self.bound_side[inward] = 0
+            self._factorise(back)
         return back
 
     def _release(self, arrived) -> np.ndarray:
         """Take back elements whose cost falls inwards now that the others have moved."""
         active, back = self.problem.active, np.zeros(len(arrived), bool)
-        for f in np.flatnonzero(arrived & np.any(self.limits != 0, axis=1)):
+        for f in np.flatnonzero(arrived & np.any(self.bound_side != 0, axis=1)):
             places = []
-            for k in np.flatnonzero(self.limits[f]):
+            for k in np.flatnonzero(self.bound_side[f]):
                 for part in (0.0, 0.5, 0.8):
                     inner = self.start[f, k] + part * (self.x[f, k] - self.start[f, k])
                     places.append(np.array(self.z[f]))
                     places[-1][active[k]] = np.clip(inner, self.lower[f, k], self.upper[f, k])
-            lanes = self.lanes.some(np.full(len(places), f))
-            cost = self.problem.linearise(np.array(places), lanes, slopes=False).cost
+            batch = self.batch.select(np.full(len(places), f))
+            cost = self.problem.linearise(np.array(places), batch, slopes=False).cost
             best = int(np.argmin(cost))
             if cost[best] < self.at.cost[f] * (1 - FALLS):
-                self.z[f], back[f], self.limits[f] = places[best], True, 0
+                self.z[f], back[f], self.bound_side[f] = places[best], True, 0
                 self.released[f] += 1
         if np.any(back):
             self._put(back, self._at(self.z, back))
-            self._condense(back)
+            self._factorise(back)
         return back
 
     def _stop(self, fits, reason: str) -> None:
@@ -303,8 +305,8 @@ class _Search:
             gradient_norm=np.linalg.norm(self.at.gradient, axis=1),
             converged=np.isin(self.reason, ARRIVED),
             reason=self.reason,
-            limits=self.limits,
-            begun=self.begun,
+            bound_side=self.bound_side,
+            reference_start=self.reference_start,
             iterations=self.iterations,
         )
 
@@ -322,9 +324,9 @@ def search(
     z: Float[np.ndarray, "fits elements"],
     optimiser: str = "levenberg-marquardt",
     *,
-    begun: Float[np.ndarray, "... elements"] | None = None,
+    reference_start: Float[np.ndarray, "... elements"] | None = None,
     fixed: Bool[np.ndarray, "fits p"] | None = None,
-    lanes: Lanes | None = None,
+    batch: Batch | None = None,
     limit: int = MOST,
     releases: int = RELEASES,
     enough: float | np.ndarray = 0.0,
@@ -333,20 +335,20 @@ def search(
 
     Args:
         optimiser: of `OPTIMISERS`.
-        begun: from where it is measured whether an element runs to an end of its range, NaN: from
-            its z. What is there already when the search starts is held there.
+        reference_start: from where it is measured whether an element runs to an end of its range,
+            NaN: from its z. What is there already when the search starts is held there.
         fixed: active elements that stay as they are, fit by fit.
-        lanes: what differs between fits.
+        batch: what differs between fits.
         limit: of the steps.
         releases: how often an element is taken back from the end of its range.
         enough: how far above its minimum a cost may end, fit by fit.
     """
     z = np.array(np.atleast_2d(z), float)
-    lanes, active = lanes or Lanes(), problem.active
+    batch, active = batch or Batch(), problem.active
     method = Marquardt if optimiser == "levenberg-marquardt" else Lbfgs
 
-    def run(z, begun, fixed, lanes: Lanes, enough) -> Ends:
-        state = _Search(problem, z, begun, fixed, lanes, limit, releases, enough)
+    def run(z, reference_start, fixed, batch: Batch, enough) -> Ends:
+        state = _Search(problem, z, reference_start, fixed, batch, limit, releases, enough)
         if len(active):
             with _blas().limit(limits=1):
                 state.run(method(*state.start.shape))
@@ -356,18 +358,18 @@ def search(
 
     fixed = np.broadcast_to(False if fixed is None else fixed, (len(z), len(active)))
     near = np.broadcast_to(enough, len(z))
-    ends = run(z, np.nan if begun is None else begun, fixed, lanes, near)
-    if problem.moves_yield is None:
+    ends = run(z, np.nan if reference_start is None else reference_start, fixed, batch, near)
+    if problem.affects_yield is None:
         return ends
     for _ in range(AROUND_JUMPS):
         stuck = np.flatnonzero(ends.reason == STUCK)
         if not len(stuck):
             break
-        some, still, beside = ends.some(stuck), fixed[stuck], lanes.some(stuck)
-        with_yields = still | problem.moves_yield[active]
-        others = run(some.z, some.begun, with_yields, beside, near[stuck])
+        some, still, beside = ends.select(stuck), fixed[stuck], batch.select(stuck)
+        with_yields = still | problem.affects_yield[active]
+        others = run(some.z, some.reference_start, with_yields, beside, near[stuck])
         others.reason[others.converged] = AT_JUMP
-        again = run(others.z, others.begun, still, beside, near[stuck])
+        again = run(others.z, others.reference_start, still, beside, near[stuck])
         better = again.cost < others.cost * (1 - MUCH)
         better |= again.converged & (again.cost <= others.cost)
         for part, old, new in zip(ends, others, again, strict=True):
@@ -381,7 +383,7 @@ def guided_search(
     z: Float[np.ndarray, "fits elements"],
     optimiser: str,
     *,
-    lanes: Lanes | None = None,
+    batch: Batch | None = None,
     limit: int = MOST,
 ) -> Ends:
     """A search with ε continued to where nothing rebounds, which leads back from there.
@@ -389,20 +391,23 @@ def guided_search(
     Where some points do not rebound the law's own ε is then searched, from the ends and from the
     starts: the cost that is found is always that of the law's own ε.
     """
-    lanes = lanes or Lanes()
-    guided = search(replace(problem, guided=True), z, optimiser, lanes=lanes, limit=limit)
+    batch = batch or Batch()
+    guided = search(replace(problem, guided=True), z, optimiser, batch=batch, limit=limit)
     places = np.concatenate([guided.z, z])
-    twice = lanes.some(np.tile(np.arange(len(z)), 2))
+    twice = batch.select(np.tile(np.arange(len(z)), 2))
     least = np.min(problem.linearise(places, twice, slopes=False).prediction, axis=1, initial=1.0)
     some = np.flatnonzero(np.min(least.reshape(2, -1), axis=0) <= TINY_SQUARED**0.5)
     if not len(some):
         return guided
     # √ bends sharply where a point hardly rebounds: damped steps find their way there
-    begun, beside = np.concatenate([guided.begun[some], z[some]]), lanes.some(np.tile(some, 2))
+    reference_start, beside = (
+        np.concatenate([guided.reference_start[some], z[some]]),
+        batch.select(np.tile(some, 2)),
+    )
     places = np.concatenate([guided.z[some], z[some]])
-    again = search(problem, places, begun=begun, lanes=beside, limit=3 * limit)
+    again = search(problem, places, reference_start=reference_start, batch=beside, limit=3 * limit)
     lower = again.cost[: len(some)] <= again.cost[len(some) :]
-    lowest = again.some(np.where(lower, 0, len(some)) + np.arange(len(some)))
+    lowest = again.select(np.where(lower, 0, len(some)) + np.arange(len(some)))
     for part, new in zip(guided, lowest, strict=True):
         part[some] = new
     return guided

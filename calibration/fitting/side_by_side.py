@@ -1,4 +1,4 @@
-"""Fits of data sets that share nothing as fits of one problem, each with a lane of its own.
+"""Fits of data sets that share nothing as one batch of one problem.
 
 A search of one fit or of a hundred costs nearly the same: what a step costs is what is done once for all.
 """
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from calibration.fitting.errors import Errors
-from calibration.fitting.problem import Lanes, Problem
+from calibration.fitting.problem import Batch, Problem
 
-ALONE = 20_000  # points from which on a problem fills its batches alone
+MOST_POINTS = 20_000  # points from which on a problem fills its batches by itself
 
 
 def alike(problems: Sequence[Problem]) -> list[list[int]]:
@@ -25,14 +25,14 @@ def alike(problems: Sequence[Problem]) -> list[list[int]]:
 
 
 def _kind(problem: Problem) -> Any:
-    """What problems of single data sets must have in common; None where this one is to be alone."""
+    """Key that problems of single data sets must share; None where this one is searched by itself."""
     laws, errors = problem.laws, problem.errors
-    held = (problem.pull, problem.moves_yield, problem.drag)
+    held = (problem.pull, problem.affects_yield, problem.drag)
     more = (problem.pools, problem.with_prior, np.any(problem.inside), any(laws.shape.shared))
     is_simple = (
         len(errors) == laws.size == 1 and errors[0].noise.is_least_squares and problem.is_fixed
     )
-    is_simple &= problem.count < ALONE and not np.any(problem.points.observable)
+    is_simple &= problem.count < MOST_POINTS and not np.any(problem.points.observable)
     if not is_simple or any(a is not None for a in held) or any(more):
         return None
     arrays = (laws.element, problem.active, *problem.transform)
@@ -40,10 +40,10 @@ def _kind(problem: Problem) -> Any:
     return *of_laws, problem.route, *(a.tobytes() for a in arrays)
 
 
-def as_one(problems: Sequence[Problem]) -> tuple[Problem, Lanes]:
-    """Problems that are alike as one, and a lane of each, whose points weigh by their variances."""
+def as_one(problems: Sequence[Problem]) -> tuple[Problem, Batch]:
+    """Problems that are alike as one, and the batch of their fits, whose points weigh by their variances."""
     if len(problems) == 1:
-        return problems[0], Lanes()
+        return problems[0], Batch()
     longest = max(problems, key=lambda problem: problem.count)
     missing = [longest.count - problem.count for problem in problems]
 
@@ -54,7 +54,7 @@ def as_one(problems: Sequence[Problem]) -> tuple[Problem, Lanes]:
     variances = [problem.errors[0].diagonal(problem.variances[0]) for problem in problems]
     weights = [p.points.copies / v for p, v in zip(problems, variances, strict=True)]
     contacts = [p.laws.contact or {} for p in problems]
-    lanes = Lanes(
+    batch = Batch(
         of=np.arange(len(problems)),
         value=filled([p.points.value for p in problems]),
         copies=filled(weights, "constant"),
@@ -63,4 +63,4 @@ def as_one(problems: Sequence[Problem]) -> tuple[Problem, Lanes]:
         fixed=np.array([p.laws.fixed for p in problems]),
     )
     errors, count = (Errors.known(longest.points.velocity, 1.0),), np.zeros(len(problems), int)
-    return replace(longest, errors=errors, variances=({},), evaluated=count), lanes
+    return replace(longest, errors=errors, variances=({},), evaluated=count), batch

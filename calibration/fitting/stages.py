@@ -1,4 +1,4 @@
-"""The stages of one component: starts, searches, and what settles only with where they end."""
+"""The stages of one component: starts, searches, and the variances of where they end."""
 
 import math
 from collections.abc import Callable
@@ -15,8 +15,8 @@ from calibration.fitting.errors import Errors
 from calibration.fitting.jumps import beside_jumps
 from calibration.fitting.laws import OF_CONTACT, SPRINGS, sigma_of
 from calibration.fitting.levels import Offsets, offsets_of
-from calibration.fitting.methods import TINY, Condensed, condense
-from calibration.fitting.neighbourhoods import condensed
+from calibration.fitting.methods import TINY, QRFactors, factorise
+from calibration.fitting.neighbourhoods import binned
 from calibration.fitting.problem import Problem
 from calibration.fitting.request import Component, Request, assemble
 from calibration.fitting.search import (
@@ -33,10 +33,10 @@ from calibration.fitting.variances import (
     LEAST_SPREAD,
     estimate_of_pool,
     first_variances,
-    have_settled,
+    is_single_variance,
     needs_variances,
-    renewed,
-    stands_alone,
+    update_variances,
+    variances_converged,
     with_level,
 )
 from calibration.fitting.warnings import CONFIDENCE, runs
@@ -151,23 +151,23 @@ class Stage:
 class StageFit:
     """Result of a stage."""
 
-    problem: Problem  # with the variances that it settled on
+    problem: Problem  # with the variances at its end
     z: np.ndarray  # of the whole component
     ends: Ends  # the search that ended there, of one fit
     others: tuple[Ends, ...]  # where the other starts ended
     report: Stage  # what it took
-    alone: bool  # whether one search alone of many ended so low, and misses the points
+    single_search: bool  # whether one search alone of many ended so low, and misses the points
 
     @property
-    def limits(self) -> np.ndarray:
+    def bound_side(self) -> np.ndarray:
         """+1 or -1 for active elements that are fixed at an end of their range, else 0."""
-        return self.ends.limits[0]
+        return self.ends.bound_side[0]
 
 
 def run_stage(
     name: str, problem: Problem, z: np.ndarray, options: FitOptions, ends: list[Ends] | None = None
 ) -> StageFit:
-    """Minimise from the best starts, and settle what depends on where that is.
+    """Minimise from the best starts, and estimate the variances there.
 
     Args:
         ends: of the searches from these starts, where they were made already.
@@ -175,7 +175,7 @@ def run_stage(
     evaluated = 0 if ends else problem.evaluated[0]
     problem = first_variances(problem, z)
     unsettled = needs_variances(problem)
-    ends, alone = _searched(problem, z, options, ends)
+    ends, single_search = _searched(problem, z, options, ends)
     if (level := with_level(problem)) is not None:
         first, *more = _searched(level, z, options, None)[0]
         ends = [ends[0], first, *ends[1:], *more]
@@ -194,7 +194,7 @@ def run_stage(
             lower = _over_jumps(problem, [best], options)[0]
             if lower is best:
                 break
-            problem, best = settle(problem, lower, options)
+            problem, best = estimate_variances(problem, lower, options)
     norm, law = float(best.gradient_norm[0]), problem.laws.model.law_type
     route = law.default_route() if problem.route is None else problem.route
     report = Stage(
@@ -218,7 +218,7 @@ def run_stage(
         best,
         tuple(others),
         report,
-        alone=alone,
+        single_search=single_search,
     )
 
 
@@ -227,15 +227,15 @@ def _searched(problem: Problem, z, options: FitOptions, ends: list[Ends] | None)
 
     Also whether one search alone of many ended so low, and misses the points.
     """
-    few, alone = condensed(problem), False
+    few, single_search = binned(problem), False
     if ends is None:
         starts = screened(few, z, options.starts, options.seed, REFINED)
-        if problem.moves and len(problem.active):
+        if problem.has_velocity_errors and len(problem.active):
             # far from the points a steep curve would explain them by errors of velocities
             pairs = zip(few.errors, few.variances, strict=True)
             level = _weighing(few, [errors.diagonal(s) for errors, s in pairs])
             ends = _from_starts(level, starts, QUICKEST)
-            around = ends[0].some([0, 0])._replace(z=along_valley(level, ends[0].z))
+            around = ends[0].select([0, 0])._replace(z=along_valley(level, ends[0].z))
             starts = np.concatenate([_as_starts(level, end) for end in (*ends, around)])
         if problem.jumps:
             starts = np.unique([z, *starts], axis=0)
@@ -244,21 +244,21 @@ def _searched(problem: Problem, z, options: FitOptions, ends: list[Ends] | None)
         ends = _over_jumps(problem, ends, options)
     ends = _with_other_exponents(few, ends, options)
     if options.starts >= FEWEST:
-        ends, alone = _from_more_starts(few, z, ends, options)
+        ends, single_search = _from_more_starts(few, z, ends, options)
     if few is not problem:
         ends = sorted((_of_all(problem, end, options) for end in _minima(ends)), key=_rank)
-    return ends, alone
+    return ends, single_search
 
 
 def _over_jumps(problem: Problem, ends: list[Ends], options: FitOptions) -> list[Ends]:
     """These and ends of searches from both sides of the jumps around the best of them, until none is lower."""
-    assert problem.moves_yield is not None
+    assert problem.affects_yield is not None
     active = problem.active
     for _ in range(ROUNDS):
         places = beside_jumps(problem, ends[0].z[0])
         if not len(places):
             break
-        still = np.broadcast_to(problem.moves_yield[active], (len(places), len(active)))
+        still = np.broadcast_to(problem.affects_yield[active], (len(places), len(active)))
         beside = search(problem, places, fixed=still, limit=options.max_steps)
         more = _from_starts(problem, beside.z, QUICKEST, options.max_steps)
         is_lower = more[0].cost[0] < ends[0].cost[0] * (1 - OVER_JUMPS)
@@ -279,7 +279,7 @@ def _with_other_exponents(problem: Problem, ends: list[Ends], options: FitOption
         if not len(places):
             break
         linear = problem.linearise(np.array(places))
-        at = condense(linear.residual, linear.jacobian)
+        at = factorise(linear.residual, linear.jacobian)
         promising = linear.cost - 0.5 * at.promised < ends[0].cost[0] * (1 - AS_LOW)
         if not np.any(promising & at.finite):
             break
@@ -362,7 +362,7 @@ def along_valley(problem: Problem, z: Float[np.ndarray, "fits elements"]) -> Pla
 def _as_starts(problem: Problem, end: Ends) -> Places:
     """The ends of searches as starts; parameters at an end of their range start again from where they began."""
     z, active = np.array(end.z), problem.active
-    z[:, active] = np.where(end.limits != 0, end.begun[:, active], z[:, active])
+    z[:, active] = np.where(end.bound_side != 0, end.reference_start[:, active], z[:, active])
     return z
 
 
@@ -373,16 +373,23 @@ def _from_starts(problem: Problem, starts, optimiser: str, limit: int = MOST) ->
 
 def _in_order(ends: Ends) -> list[Ends]:
     """Searches side by side one by one, the best first."""
-    return sorted((ends.some(slice(k, k + 1)) for k in range(len(ends.z))), key=_rank)
+    return sorted((ends.select(slice(k, k + 1)) for k in range(len(ends.z))), key=_rank)
 
 
 def _of_all(problem: Problem, end: Ends, options: FitOptions) -> Ends:
-    """Where all points have the minimum that neighbourhoods have at the end of a search."""
+    """Search on with all points from where a search of binned points ended."""
     limit = options.max_steps
     for _ in range(CLOSER):
-        few = condensed(problem, end.z[0])
-        end = search(few, end.z, begun=end.begun, limit=limit, releases=0)
-    return search(problem, end.z, options.optimiser, begun=end.begun, limit=limit, releases=0)
+        few = binned(problem, end.z[0])
+        end = search(few, end.z, reference_start=end.reference_start, limit=limit, releases=0)
+    return search(
+        problem,
+        end.z,
+        options.optimiser,
+        reference_start=end.reference_start,
+        limit=limit,
+        releases=0,
+    )
 
 
 def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions):
@@ -407,8 +414,8 @@ def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions
             )
         ends = sorted([*ends, *more], key=_rank)
     reached = [end for end in ends if _as_low(end, ends[0])]
-    alone = len(ends) > len(reached) == 1 and _misses(problem, ends[0])
-    return _minima(ends), alone
+    single_search = len(ends) > len(reached) == 1 and _misses(problem, ends[0])
+    return _minima(ends), single_search
 
 
 def _minima(ends: list[Ends], share: float = AS_LOW, moved: float = MOVED) -> list[Ends]:
@@ -426,24 +433,24 @@ def _as_low(first: Ends, second: Ends, share: float = AS_LOW) -> bool:
 
 def _is_near(first: Ends, second: Ends, moved: float) -> bool:
     """Whether two ends are one place, but for what ran to an end of its range."""
-    if np.any(first.limits) or np.any(second.limits):
+    if np.any(first.bound_side) or np.any(second.bound_side):
         return True
     return bool(np.max(np.abs(first.z - second.z), initial=0.0) <= moved)
 
 
 def _misses(problem: Problem, end: Ends) -> bool:
     """Whether noise does not explain how far points are off: by its size, else by runs of one sign."""
-    residual = problem.linearise(end.z, slopes=False).residual[0]
-    left = len(residual) - len(problem.active)
-    if left < 1:
+    weighted = problem.linearise(end.z, slopes=False).residual[0]
+    residual_dof = len(weighted) - len(problem.active)
+    if residual_dof < 1:
         return False
     if all(
         errors.is_stated and errors.is_fixed and errors.noise.is_least_squares
         for errors in problem.errors
     ):
-        return bool(np.sum(residual**2) > special.chdtri(left, 1 - CONFIDENCE))
-    off = residual[: problem.count]
-    return any(runs(problem.points.velocity[span], off[span]) for span in problem.spans)
+        return bool(np.sum(weighted**2) > special.chdtri(residual_dof, 1 - CONFIDENCE))
+    of_points = weighted[: problem.count]
+    return any(runs(problem.points.velocity[span], of_points[span]) for span in problem.spans)
 
 
 def _rank(end: Ends) -> tuple[float, bool]:
@@ -454,7 +461,7 @@ def _rank(end: Ends) -> tuple[float, bool]:
 
 def _in_units(problem: Problem, end: Ends) -> tuple[Problem, Ends]:
     """Problem and search in units of the noise, which was weighed against nothing."""
-    problem = renewed(problem, end.z[0])
+    problem = update_variances(problem, end.z[0])
     if len(problem.errors) > 1:  # each set weighs as it did
         points = problem.points._replace(copies=problem.diagonal(end.z)[0])
         return replace(problem, points=points), end
@@ -464,9 +471,9 @@ def _in_units(problem: Problem, end: Ends) -> tuple[Problem, Ends]:
 
 
 def _lowest(problem: Problem, ends: list[Ends], options: FitOptions) -> tuple[Any, ...]:
-    """The problem and the end of the highest likelihood, each with its own variances settled; then the others."""
-    settled = [settle(problem, end, options) for end in ends]
-    (problem, best), *others = sorted(settled, key=lambda each: _minus_two_log(*each))
+    """The problem and the end of the highest likelihood, each with its own variances; then the others."""
+    estimated = [estimate_variances(problem, end, options) for end in ends]
+    (problem, best), *others = sorted(estimated, key=lambda each: _minus_two_log(*each))
     return problem, best, *(end for _, end in others)
 
 
@@ -474,23 +481,27 @@ def _minus_two_log(problem: Problem, end: Ends) -> float:
     """-2 ln p(data | θ, s) p(θ) where a search ended, over all members of pools, to nine digits."""
     linear = problem.linearise(end.z, slopes=False)
     priors = linear.residual[:, problem.count : linear.residual.shape[1] - problem.more]
-    pools = [(estimate_of_pool(problem, end.z[0], p, end.limits[0]), p) for p in problem.pools]
+    pools = [(estimate_of_pool(problem, end.z[0], p, end.bound_side[0]), p) for p in problem.pools]
     spreads = sum(estimate.minus_two_log(pool.spread) for estimate, pool in pools)
     return float(f"{problem.deviance(end.z)[0] + np.sum(priors**2) + spreads:.9g}")
 
 
-def settle(problem: Problem, end: Ends, options: FitOptions, restricted: bool = True):
+def estimate_variances(problem: Problem, end: Ends, options: FitOptions, restricted: bool = True):
     """Search again until the variances are those of where the search ends: the problem, and the end."""
     for _ in range(ROUNDS):
-        adapted = renewed(problem, end.z[0], restricted, end.limits[0])
-        if have_settled(adapted, problem):
+        adapted = update_variances(problem, end.z[0], restricted, end.bound_side[0])
+        if variances_converged(adapted, problem):
             return problem, end
         problem = adapted
         optimiser, most = options.optimiser, options.max_steps
         # what is at an end of its range stays there: it was looked at when the search arrived
-        again = search(problem, end.z, optimiser, begun=end.begun, limit=most, releases=0)
+        again = search(
+            problem, end.z, optimiser, reference_start=end.reference_start, limit=most, releases=0
+        )
         end = again._replace(iterations=end.iterations + again.iterations)
-    if not have_settled(renewed(problem, end.z[0], restricted, end.limits[0]), problem):
+    if not variances_converged(
+        update_variances(problem, end.z[0], restricted, end.bound_side[0]), problem
+    ):
         end = end._replace(converged=np.array([False]), reason=np.array([UNSETTLED]))
     return problem, end
 
@@ -513,9 +524,9 @@ class ComponentFit:
     def theta(self) -> np.ndarray:
         """The elements in physical units; those at an end of their range that is a bound, there."""
         transform = self.final.problem.transform
-        theta, limits = transform.physical(self.z), self.uncertainty.limits
-        bound = transform.bound_beyond(limits)
-        theta = np.where((limits != 0) & np.isfinite(bound), bound, theta)
+        theta, bound_side = transform.physical(self.z), self.uncertainty.bound_side
+        bound = transform.bound_beyond(bound_side)
+        theta = np.where((bound_side != 0) & np.isfinite(bound), bound, theta)
         for g, spec in enumerate(self.component.specs):
             places = self.component.places(g)
             if spec.model.law_type is sj.WaltonBraun and {*SPRINGS} <= {*places}:
@@ -529,18 +540,18 @@ class ComponentFit:
         return self.final.problem.transform.slope(self.z)
 
     @cached_property
-    def condensed(self) -> Condensed:
+    def qr_factors(self) -> QRFactors:
         """The last stage at its end."""
         linear = self.final.problem.linearise(self.z[None])
-        return condense(linear.residual, linear.jacobian)
+        return factorise(linear.residual, linear.jacobian)
 
     @property
-    def begun(self) -> np.ndarray:
+    def reference_start(self) -> np.ndarray:
         """Starts of elements that are fixed at an end of their range; NaN for the others.
 
         A search from here then knows them for what they are.
         """
-        return np.where(self.uncertainty.limits != 0, self.component.start, np.nan)
+        return np.where(self.uncertainty.bound_side != 0, self.component.start, np.nan)
 
     @property
     def is_likelihood(self) -> bool:
@@ -551,9 +562,11 @@ class ComponentFit:
     def offsets(self) -> dict[int, Offsets]:
         """Predicted offsets of groups, by the number of the block."""
         first, final = self.stages[0].problem, self.final.problem
-        off = final.linearise(self.z[None]).prediction[0] - final.points.value
+        residual = final.linearise(self.z[None]).prediction[0] - final.points.value
         known = self.uncertainty.of_predictions
-        parts = {k: offsets_of(first, k, self.z, off[s], known) for k, s in enumerate(first.spans)}
+        parts = {
+            k: offsets_of(first, k, self.z, residual[s], known) for k, s in enumerate(first.spans)
+        }
         return {k: part for k, part in parts.items() if part is not None}
 
     @property
@@ -596,13 +609,13 @@ def _first_ends(components: list[Component], options: FitOptions) -> list[list[E
         screened(problem, component.start, options.starts, options.seed, REFINED)
         for problem, component in zip(problems, components, strict=True)
     ]
-    problem, lanes = as_one(problems)
+    problem, batch = as_one(problems)
     of = np.repeat(np.arange(len(problems)), list(map(len, starts)))
-    places, beside, limit = np.concatenate(starts), lanes.some(of), options.max_steps
-    batch = guided_search(problem, places, options.optimiser, lanes=beside, limit=limit)
+    places, beside, limit = np.concatenate(starts), batch.select(of), options.max_steps
+    ends = guided_search(problem, places, options.optimiser, batch=beside, limit=limit)
     for own, count in zip(problems, problem.evaluated, strict=True):
         own.evaluated[0] += count
-    return [_in_order(batch.some(of == k)) for k in range(len(problems))]
+    return [_in_order(ends.select(of == k)) for k in range(len(problems))]
 
 
 def fit_component(
@@ -615,7 +628,7 @@ def fit_component(
             problem, ends = _after(fits[0], problem), None
         fits.append(run_stage(name, problem, z, options, ends))
         z = fits[-1].z
-    ends_of = [(stage.problem, stage.limits) for stage in fits]
+    ends_of = [(stage.problem, stage.bound_side) for stage in fits]
     return ComponentFit(component, tuple(fits), z, uncertainty_of(ends_of, z))
 
 
@@ -627,7 +640,7 @@ def _after(first: StageFit, problem: Problem) -> Problem:
     """
     of_first = first.problem
     variance = of_first.diagonal(first.z[None])[0]
-    if all(stands_alone(of_first, g) for g in range(len(of_first.errors))):
+    if all(is_single_variance(of_first, g) for g in range(len(of_first.errors))):
         variance = np.ones(of_first.count)  # all points weigh alike
     return _weighing(problem, [variance[span] for span in of_first.spans])
 
@@ -664,9 +677,9 @@ def likelihood_of(fits: list[ComponentFit], options: FitOptions) -> Likelihood |
             return None
         problem, end = fit.final.problem, fit.final.ends
         if needs_variances(problem) and end.converged[0]:
-            problem, end = settle(problem, end, options, restricted=False)
+            problem, end = estimate_variances(problem, end, options, restricted=False)
         else:
-            problem = renewed(problem, fit.z, restricted=False)
+            problem = update_variances(problem, fit.z, restricted=False)
         unknown = sum(len(errors.unknown) for errors in problem.errors)
         if unknown and np.min(problem.diagonal(end.z)) <= NO_NOISE**2:
             return None

@@ -75,16 +75,18 @@ def _with_robust(
     errors = [replace(e, noise=ROBUST, unknown=("scatter",)) for e in problem.errors]
     quick = options.model_copy(update=PLAIN | {"starts": 1})
     stage = run_stage(name, replace(problem, errors=tuple(errors)), fit.z, quick)
-    known = uncertainty_of([(stage.problem, stage.limits)], stage.z)
+    known = uncertainty_of([(stage.problem, stage.bound_side)], stage.z)
     robust = replace(fit, stages=(stage,), z=stage.z, uncertainty=known)
-    left = {
+    far_from_robust = {
         (block.set, block.observable, outlier.row)
         for k, block in enumerate(problem.blocks)
         for outlier in _goodness(robust, k).outliers
     }
     marked = []
     for g, part in enumerate(materials):
-        outliers = [replace(o, robust=(g, o.observable, o.row) in left) for o in part.outliers]
+        outliers = [
+            replace(o, robust=(g, o.observable, o.row) in far_from_robust) for o in part.outliers
+        ]
         outliers.sort(key=lambda outlier: not outlier.robust)
         marked.append(replace(part, outliers=tuple(outliers)))
     return marked
@@ -120,8 +122,8 @@ def _material(fit: ComponentFit, g: int, by_element, options, shared_warnings) -
         observed={name: of_one for name, of_one in goodness.items() if name != RESTITUTION},
     )
     found = [warning for warning in shared_warnings if warning.material == part.name]
-    off = at.prediction[0][first] - problem.points.value[first]
-    found += of_set(fit, part, off, dict(zip(goodness, spec.errors, strict=True)))
+    residual = at.prediction[0][first] - problem.points.value[first]
+    found += of_set(fit, part, residual, dict(zip(goodness, spec.errors, strict=True)))
     return replace(part, warnings=tuple(found))
 
 
@@ -175,32 +177,41 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     (place, observable, span), errors, s = first.blocks[k], first.errors[k], first.variances[k]
     data = first.datasets[place]
     rows = next(rows for _, name, rows, *_ in blocks_of(data) if name == observable)
-    linear, at = problem.linearise(fit.z[None]), first.linearise(fit.z[None]).carried(span)[1:]
-    is_free = fit.uncertainty.limits[problem.active] == 0  # the others cannot follow a point
+    linear, at = (
+        problem.linearise(fit.z[None]),
+        first.linearise(fit.z[None]).measured_curve(span)[1:],
+    )
+    is_free = fit.uncertainty.bound_side[problem.active] == 0  # the others cannot follow a point
     leverage = leverages(np.where(is_free, linear.jacobian[0], 0.0))[: problem.count][span]
-    left = float(max(len(leverage) - np.sum(leverage), 0.0))
+    residual_dof = float(max(len(leverage) - np.sum(leverage), 0.0))
     spread = weighted_deviation(fit, problem)[span]
     allowed = np.sqrt(np.maximum(1 - leverage, 1e-12)) * np.where(spread > 0, spread, 1.0)
-    off, factor = linear.prediction[0][span] - problem.points.value[span], errors.factor(s, *at)
-    solved = errors.solve(factor, off[None, :, None])[0, :, 0]
+    residual, factor = (
+        linear.prediction[0][span] - problem.points.value[span],
+        errors.factor(s, *at),
+    )
+    solved = errors.solve(factor, residual[None, :, None])[0, :, 0]
     reduced, family = None, errors.noise
     stated = errors.is_stated or errors.unknown == ("scale",)
     if (
         errors.points.uncertainty is not None
-        and left >= 1
+        and residual_dof >= 1
         and stated
         and errors.noise.is_least_squares
     ):
-        reduced = float(off @ solved) * float(s.get("scale", 1.0)) / left
+        reduced = float(residual @ solved) * float(s.get("scale", 1.0)) / residual_dof
     # of each point where the others of its group are known
-    deviation = 1 / np.sqrt(errors.precisions(factor).reshape(-1) + 0 * off)
-    residual = -solved * deviation
-    size = np.abs(residual) / np.sqrt(np.maximum(1 - leverage, 1e-3))
+    deviation = 1 / np.sqrt(errors.precisions(factor).reshape(-1) + 0 * residual)
+    conditional = -solved * deviation
+    size = np.abs(conditional) / np.sqrt(np.maximum(1 - leverage, 1e-3))
     # noise of no more than rounding, of data without scatter, explains nothing and names nothing
-    size = np.where((deviation > NO_ERRORS) & (np.max(np.abs(off)) > NO_ERRORS), size, 0.0)
-    limit = family.farthest(len(off))
-    weighted, share = linear.residual[0, : problem.count][span] / allowed, family.weight(residual)
-    standardised, weight = weighted / np.sqrt(share), share / family.weight(0 * residual)
+    size = np.where((deviation > NO_ERRORS) & (np.max(np.abs(residual)) > NO_ERRORS), size, 0.0)
+    limit = family.farthest(len(residual))
+    weighted, share = (
+        linear.residual[0, : problem.count][span] / allowed,
+        family.weight(conditional),
+    )
+    standardised, weight = weighted / np.sqrt(share), share / family.weight(0 * conditional)
     lines = () if data.origin is None else data.origin.lines
     farthest = np.argsort(-size, kind="stable")[:MOST_OUTLIERS]
     outliers = (
@@ -209,7 +220,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
             line=int(lines[rows[i]]) if rows[i] < len(lines) else None,
             velocity=float(errors.velocity[i]),
             value=float((first.points.value * first.points.unit)[span][i]),
-            residual=float(np.copysign(size[i], residual[i])),
+            residual=float(np.copysign(size[i], conditional[i])),
             weight=float(weight[i]),
             observable=observable,
         )
@@ -226,7 +237,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         offsets = {str(labels[i]): known[i] for i in order}
     dof = vars(family).get("dof")
     return Goodness(
-        rms=float(np.sqrt(np.mean(off**2))),
+        rms=float(np.sqrt(np.mean(residual**2))),
         reduced_chi_squared=reduced,
         variances=_variances(errors, s, at),
         timing=float(s["timing"]) ** 0.5 if "timing" in s else None,
@@ -236,13 +247,13 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         standardised=tuple(map(float, standardised)),
         deviations=tuple(map(float, deviation)),
         weights=() if errors.noise.is_least_squares else tuple(map(float, weight)),
-        residual_degrees=left,
+        residual_degrees=residual_dof,
         group_offsets=offsets,
     )
 
 
 def _variances(errors: Errors, s: Mapping[str, float], at: tuple[Any, Any]) -> dict[str, float]:
-    """Mean variances of a point, by where they come from; `at` is the slope and bend of the curve."""
+    """Mean variances of a point, by where they come from; `at` is the slope and the curvature variance of the curve."""
     estimated = {kind: float(s[kind]) for kind in ("scatter", "group") if kind in s}
     bare = {kind: value for kind, value in s.items() if kind not in estimated}
     rest = float(np.mean(errors.variance(bare, *at)))
@@ -319,20 +330,20 @@ def _carried(fit: ComponentFit, g: int, what: Callable, confidence: float, most:
             scale = max(abs(float(fit.z[k])), 1e-6) if transform.kind[k] == NONE else 1.0
             far_down, down, up, far_up = (at(k, n * DIFFERENCE * scale) for n in (-2, -1, 1, 2))
             gradient[k] = (8 * (up - down) - (far_up - far_down)) / (12 * DIFFERENCE * scale)
-    acting = (gradient != 0) & (fit.uncertainty.limits == 0)
-    whole = fit.uncertainty.covariance
-    at_end, active = fit.condensed, fit.final.problem.active
+    acting = (gradient != 0) & (fit.uncertainty.bound_side == 0)
+    covariance = fit.uncertainty.covariance
+    at_end, active = fit.qr_factors, fit.final.problem.active
     singular, way = at_end.singular[0], gradient[active] / at_end.size[0]
     seen = at_end.directions[0][:, singular > RANK_TOLERANCE * np.max(singular, initial=0.0)]
     hidden = np.linalg.norm(way - seen @ (seen.T @ way))
     if hidden <= NULL_SHARE * np.linalg.norm(way):  # along no null direction
-        whole = fit.uncertainty.of_predictions
-    covariance = whole[np.ix_(acting, acting)]
+        covariance = fit.uncertainty.of_predictions
+    covariance = covariance[np.ix_(acting, acting)]
     variance = float(gradient[acting] @ covariance @ gradient[acting]) if np.any(acting) else np.nan
     if not (np.isfinite(variance) and variance >= 0):
         return Estimate(value, method="derived")
     error = variance**0.5
-    degrees = fit.uncertainty.along(np.where(acting, gradient, 0.0)[None])[0]
+    degrees = fit.uncertainty.dof_along(np.where(acting, gradient, 0.0)[None])[0]
     reach = quantile(confidence, degrees) * error
     low, high = float(max(value - reach, 0.0)), float(min(value + reach, most))
     return Estimate(value, error, low, high, "derived")
@@ -347,12 +358,12 @@ def _eq_17(
         data = spec.data
         if data.limit_velocity is None or np.sum(np.isfinite(data.restitution)) <= 2:
             return None, None
-        alone = Request((data.of_restitution(),)).with_options(law="eq-17", **plain)
-        (fit,), g = fitted(alone), 0
+        request = Request((data.of_restitution(),)).with_options(law="eq-17", **plain)
+        (fit,), g = fitted(request), 0
     elif spec.model.law_type not in (sj.Zhou, sj.EmpiricalRestitution):
         return None, None
     problem = fit.stages[0].problem
-    off = problem.linearise(fit.z[None]).prediction[0] - problem.points.value
+    residual = problem.linearise(fit.z[None]).prediction[0] - problem.points.value
     law = problem.law_of(fit.theta, g)
     values = {name: float(getattr(law, name)) for name in ("limit_velocity", "sigma", "psi")}
-    return float(np.sqrt(np.mean(off[problem.of_restitution(g)] ** 2))), values
+    return float(np.sqrt(np.mean(residual[problem.of_restitution(g)] ** 2))), values

@@ -23,7 +23,7 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
-from calibration.fitting.errors import CALLED, Carried, Errors
+from calibration.fitting.errors import CALLED, Errors, MeasuredCurve
 from calibration.fitting.noise import LN_2PI
 from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
 from calibration.fitting.request import (
@@ -68,31 +68,35 @@ class NamedErrors:
         factors = points.to_restitution * points.sizes_at(1.0)
         return max(float(np.sqrt(np.mean(np.sum(factors**2, axis=1)))), 1e-300)
 
-    def variances(self, theta: Theta, off: Any) -> dict[str, Any]:
+    def variances(self, theta: Theta, residual: Any) -> dict[str, Any]:
         """s as θ has it; plain noise that it does not have is put where the likelihood is largest."""
         variances = {}
         for kind, label in self.labels.items():
             if label in theta:
                 variances[kind] = jnp.asarray(theta[label]) ** 2
             elif self.errors.is_plain and self.errors.noise.is_least_squares:
-                variances[kind] = jnp.mean(off**2)
+                variances[kind] = jnp.mean(residual**2)
             else:
                 accepted = "with it: only plain normal noise is profiled"
                 raise DataError("theta", f"without {label!r}", accepted)
         return variances
 
-    def carried(self, theta: Theta, route: Any) -> Carried:
+    def predictions(self, theta: Theta, route: Any) -> MeasuredCurve:
         """Predictions at the points, with the effect of the air, in their units."""
         errors, points = self.errors, self.points
         vector = _vector(self.problem, theta)
-        velocity = jnp.asarray(errors.nodes if errors.has_slope else errors.velocity)
+        velocity = jnp.asarray(errors.nodes if errors.has_velocity_errors else errors.velocity)
         law = self.problem.laws.of_points(vector, self.block.span)
         if self.block.observable == RESTITUTION:
             value = root(sj.signed_restitution(law, velocity, route).squared, jnp)
         else:
             hit = sj.restitution(law, velocity, route)
             value = predicted(self.block.observable, hit) / points.unit
-        curve = errors.carried(value) if errors.has_slope else Carried(value, 0.0, 0.0)
+        curve = (
+            errors.measured_curve(value)
+            if errors.has_velocity_errors
+            else MeasuredCurve(value, 0.0, 0.0)
+        )
         if self.problem.drag is None or not np.any(points.by_drag):
             return curve
         return curve._replace(mean=curve.mean + vector[self.problem.drag] * points.by_drag)
@@ -131,7 +135,7 @@ class Traceable:
 
     def predict(self, theta: Theta) -> list[Array]:
         """E[ε] at the points of each data set, or another observable in SI; see `calibration.fitting.errors`."""
-        return [carried.mean * block.points.unit for block, _, carried in self._at(theta)]
+        return [curve.mean * block.points.unit for block, _, curve in self._at(theta)]
 
     def residuals(self, theta: Theta) -> Array:
         """Predicted less measured ε over the standard deviation of each, then those of the priors.
@@ -139,13 +143,13 @@ class Traceable:
         Where points share errors, without what they share. Over 1 where θ has no noise.
         """
         parts = []
-        for block, off, carried in self._at(theta):
+        for block, residual, curve in self._at(theta):
             if block.errors.is_plain and not set(block.labels.values()) <= set(theta):
-                parts.append(off)
+                parts.append(residual)
                 continue
-            s = block.variances(theta, off)
-            factor = block.errors.factor(s, carried.slope, carried.bend, jnp)
-            parts.append(block.errors.whiten(factor, off[:, None], jnp)[:, 0])
+            s = block.variances(theta, residual)
+            factor = block.errors.factor(s, curve.slope, curve.curvature_variance, jnp)
+            parts.append(block.errors.whiten(factor, residual[:, None], jnp)[:, 0])
         return jnp.concatenate([*parts, self._priors(theta)[0]])
 
     def log_likelihood(self, theta: Theta, measured: Array | None = None) -> Array:
@@ -155,8 +159,10 @@ class Traceable:
             measured: values in place of the measured ones, of all `sets` in a row, in their units.
         """
         parts = [
-            block.errors.deviance(block.variances(theta, off), off, c.slope, c.bend, jnp)
-            for block, off, c in self._at(theta, measured)
+            block.errors.deviance(
+                block.variances(theta, residual), residual, c.slope, c.curvature_variance, jnp
+            )
+            for block, residual, c in self._at(theta, measured)
         ]
         return -0.5 * jnp.sum(jnp.stack(parts))
 
@@ -166,19 +172,24 @@ class Traceable:
         Where points share errors, of each where the others are known; see `Errors.by_point`.
         """
         parts = [
-            block.errors.by_point(block.variances(theta, off), off, c.slope, c.bend, jnp) + 0 * off
-            for block, off, c in self._at(theta)
+            block.errors.by_point(
+                block.variances(theta, residual), residual, c.slope, c.curvature_variance, jnp
+            )
+            + 0 * residual
+            for block, residual, c in self._at(theta)
         ]
         return jnp.concatenate(parts)
 
     def simulated(self, theta: Theta, normal: Array) -> Array:
         """Measurements as the law and its errors make them, from standard normal numbers, one a point."""
         parts = []
-        for (block, off, carried), some in zip(self._at(theta), self._split(normal), strict=True):
-            s = block.variances(theta, off)
-            factor = block.errors.factor(s, carried.slope, carried.bend, jnp)
+        for (block, residual, curve), some in zip(
+            self._at(theta), self._split(normal), strict=True
+        ):
+            s = block.variances(theta, residual)
+            factor = block.errors.factor(s, curve.slope, curve.curvature_variance, jnp)
             heavy = block.errors.noise.from_normal(some, jnp)
-            parts.append(carried.mean + block.errors.colour(factor, heavy, jnp))
+            parts.append(curve.mean + block.errors.colour(factor, heavy, jnp))
         return jnp.concatenate(parts)
 
     def log_prior(self, theta: Theta) -> Array:
@@ -225,14 +236,14 @@ class Traceable:
         if missing:
             raise DataError("theta", f"without {missing[0]!r}", f"with {listed(names)}")
 
-    def _at(self, theta: Theta, measured=None) -> list[tuple[NamedErrors, Array, Carried]]:
+    def _at(self, theta: Theta, measured=None) -> list[tuple[NamedErrors, Array, MeasuredCurve]]:
         """Errors of each data set, predicted minus measured ε, and the curve."""
         if measured is None:
             measured = jnp.concatenate([jnp.asarray(block.points.value) for block in self.sets])
         self._check_names(theta)
-        curves = [block.carried(theta, self.route) for block in self.sets]
+        curves = [block.predictions(theta, self.route) for block in self.sets]
         every = zip(self.sets, curves, self._split(measured), strict=True)
-        return [(block, carried.mean - part, carried) for block, carried, part in every]
+        return [(block, curve.mean - part, curve) for block, curve, part in every]
 
     def _priors(self, theta: Theta) -> tuple[Array, Array]:
         """Residuals of the priors and of members of pools, and logarithms of their standard deviations in θ."""

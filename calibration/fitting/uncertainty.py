@@ -28,8 +28,8 @@ from scipy.linalg import block_diag
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.methods import TINY
-from calibration.fitting.neighbourhoods import condensed
-from calibration.fitting.problem import Problem, Residuals, acts_on_nothing
+from calibration.fitting.neighbourhoods import binned
+from calibration.fitting.problem import BlockResiduals, Problem, acts_on_nothing
 from calibration.fitting.variances import differences, relative_covariance
 from calibration.parameters import NONE
 
@@ -58,7 +58,7 @@ Stages = Sequence[tuple[Problem, np.ndarray]]  # +1 or -1 for what is at an end 
 
 
 @dataclass(frozen=True, eq=False)
-class Freedom:
+class DegreesOfFreedom:
     """Degrees of freedom of a component's covariance: its parts that depend on each estimated variance."""
 
     labels: tuple[str, ...]  # of its parameters
@@ -69,7 +69,7 @@ class Freedom:
     # for all variances of all sets
     names: tuple[str, ...]
 
-    def degrees(
+    def satterthwaite(
         self,
         labels: Sequence[str],
         slopes: Float[np.ndarray, "n p"],
@@ -100,27 +100,37 @@ class Freedom:
             degrees = np.where(spread > 0, 2 * variance**2 / spread, np.inf)
         return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
 
-    def physical(self, slope: Float[np.ndarray, " p"], whole: Matrix) -> "Freedom":
-        """Degrees of freedom in physical parameters, with dθ/dz; `whole` is the covariance in z."""
+    def physical(
+        self, slope: Float[np.ndarray, " p"], covariance_known_noise: Matrix
+    ) -> "DegreesOfFreedom":
+        """Degrees of freedom in physical parameters, with dθ/dz; `covariance_known_noise` is that in z."""
         both = np.outer(slope, slope)
         if self.parts.size <= MOST_NUMBERS:
             variance = np.diagonal(self.parts, axis1=1, axis2=2)
-            acts = variance > NO_PART * np.abs(np.diagonal(whole))
+            acts = variance > NO_PART * np.abs(np.diagonal(covariance_known_noise))
             parts = np.where(acts[:, :, None] & acts[:, None], self.parts, 0.0)
             return replace(self, parts=parts * both)
-        least = np.min(self.degrees(self.labels, np.eye(len(whole)), np.diagonal(whole)))
-        kept = {"parts": (whole * both)[None], "relative": np.array([[2 / least]])}
+        least = np.min(
+            self.satterthwaite(
+                self.labels,
+                np.eye(len(covariance_known_noise)),
+                np.diagonal(covariance_known_noise),
+            )
+        )
+        kept = {"parts": (covariance_known_noise * both)[None], "relative": np.array([[2 / least]])}
         return replace(self, **kept, sets=("",), names=(ALL,))
 
 
-def freedom_of(freedoms: Sequence[Freedom], dataset: str, labels: Iterable[str]) -> Freedom:
+def dof_of(
+    components: Sequence[DegreesOfFreedom], dataset: str, labels: Iterable[str]
+) -> DegreesOfFreedom:
     """Degrees of freedom of the component that contains a data set.
 
     Nothing of the set may be free, or nothing of its noise estimated; where both is so, any will do.
     """
     requested = set(labels)
-    matching = (f for f in freedoms if requested & {*f.labels} or dataset in f.sets)
-    return next(matching, freedoms[0])
+    matching = (f for f in components if requested & {*f.labels} or dataset in f.sets)
+    return next(matching, components[0])
 
 
 @dataclass(frozen=True)
@@ -131,18 +141,18 @@ class Uncertainty:
     # the same with 0 in its place and along null directions, for what follows from the elements
     # together
     of_predictions: Matrix
-    whole: Matrix  # the same of known variances
-    freedom: Freedom  # how well it is known
+    covariance_known_noise: Matrix  # as `of_predictions`, were the variances of the noise known
+    dof: DegreesOfFreedom  # how well it is known
     rank: int  # of the weighted Jacobian, columns scaled to one; the worst stage's
     condition_number: float
     undetermined: Bool[np.ndarray, " p"]  # elements that lie in a null direction
-    limits: Int[np.ndarray, " p"]  # elements at an end of their range, +1 or -1, else 0
+    bound_side: Int[np.ndarray, " p"]  # elements at an end of their range, +1 or -1, else 0
     definite: bool  # whether the observed information is, or nothing depends on it
     # standard deviation of the errors of each point (or the scale of their family)
     deviation: Float[np.ndarray, " points"]
-    left: Float[np.ndarray, " blocks"]  # residual degrees of freedom of each block
-    # the errors over those of known variances, 1 where none shares an error
-    widened: Float[np.ndarray, " p"]
+    residual_dof: Float[np.ndarray, " blocks"]  # of each block
+    # standard errors over those of known variances, at least 1
+    se_inflation: Float[np.ndarray, " p"]
 
     @property
     def known(self) -> Bool[np.ndarray, " p"]:
@@ -155,14 +165,16 @@ class Uncertainty:
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
-    def degrees(self) -> Float[np.ndarray, " p"]:
+    def parameter_dof(self) -> Float[np.ndarray, " p"]:
         """Degrees of freedom of each standard error; infinite where the noise is known."""
-        return self.along(np.eye(len(self.limits)))
+        return self.dof_along(np.eye(len(self.bound_side)))
 
-    def along(self, directions: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " n"]:
+    def dof_along(self, directions: Float[np.ndarray, "n p"]) -> Float[np.ndarray, " n"]:
         """Degrees of freedom of aᵀ C a."""
-        whole = np.einsum("np,pq,nq->n", directions, self.whole, directions)
-        return self.freedom.degrees(self.freedom.labels, directions, whole)
+        covariance_known_noise = np.einsum(
+            "np,pq,nq->n", directions, self.covariance_known_noise, directions
+        )
+        return self.dof.satterthwaite(self.dof.labels, directions, covariance_known_noise)
 
 
 def uncertainty_of(stages: Stages, z: Float[np.ndarray, " p"]) -> Uncertainty:
@@ -170,9 +182,9 @@ def uncertainty_of(stages: Stages, z: Float[np.ndarray, " p"]) -> Uncertainty:
     return _of_likelihood(*stages[0], z) if len(stages) == 1 else _of_values(stages, z)
 
 
-def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
+def _of_likelihood(problem: Problem, bound_side, z) -> Uncertainty:
     """Covariance by the observed information; a likelihood searches all its elements."""
-    fixed, identity = limits != 0, np.eye(len(z))
+    fixed, identity = bound_side != 0, np.eye(len(z))
     scaled = problem.transform.kind[problem.active] != NONE
     jacobian = problem.linearise(z[None]).jacobian
     size = np.where(scaled, 1.0, np.abs(z[problem.active]))
@@ -180,7 +192,7 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     jacobian = np.where(fixed, 0.0, with_fixed)
     basis, seen, rank, condition, nulls = _decomposed(jacobian, fixed)
     curved, definite = identity, not _has_network(problem)
-    few = condensed(problem, z)
+    few = binned(problem, z)
     if asks_for_curvature(few):
         ways = np.zeros((len(basis), len(z)))
         ways[:, problem.active] = basis.T
@@ -193,13 +205,13 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
         curved = curvature if definite else identity
     values, vectors = np.linalg.eigh(curved)
     root = basis @ (vectors * values**-0.5) @ vectors.T
-    left = _left(problem, np.sum((jacobian @ basis) ** 2, axis=1))
-    freedom, added = _of_noise(problem, z, left, basis, root, jacobian)
-    whole = root @ root.T
-    covariance, before = whole + added, np.diagonal(whole)
+    residual_dof = _residual_dof(problem, np.sum((jacobian @ basis) ** 2, axis=1))
+    dof, added = _of_noise(problem, z, residual_dof, basis, root, jacobian)
+    covariance_known_noise = root @ root.T
+    covariance, before = covariance_known_noise + added, np.diagonal(covariance_known_noise)
     ratio = np.diagonal(covariance) / np.where(before > 0, before, 1.0)
     # what follows an element that grows without bound is only determined together with it
-    bound = problem.transform.part(problem.active).bound_beyond(limits)
+    bound = problem.transform.part(problem.active).bound_beyond(bound_side)
     follows = basis @ (basis.T @ (jacobian.T @ with_fixed[:, fixed & ~np.isfinite(bound)]))
     nulls |= np.any(np.abs(follows) > FOLLOWS * np.sqrt(np.diagonal(covariance))[:, None], axis=1)
     left_out = nulls | fixed
@@ -207,16 +219,16 @@ def _of_likelihood(problem: Problem, limits, z) -> Uncertainty:
     return Uncertainty(
         covariance=published,
         of_predictions=covariance,
-        whole=whole,
-        freedom=freedom,
+        covariance_known_noise=covariance_known_noise,
+        dof=dof,
         rank=rank,
         condition_number=condition,
         undetermined=nulls | (scaled & ~fixed & ~(np.diagonal(published) < NO_ERROR**2)),
-        limits=limits,
+        bound_side=bound_side,
         definite=definite,
         deviation=np.sqrt(problem.diagonal(z[None])[0]),
-        left=left,
-        widened=np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0)),
+        residual_dof=residual_dof,
+        se_inflation=np.sqrt(np.where(before > 0, np.maximum(ratio, 1.0), 1.0)),
     )
 
 
@@ -230,7 +242,7 @@ def asks_for_curvature(problem: Problem) -> bool:
 
     if _has_network(problem) or not len(problem.active):
         return False
-    impacts = 4 * len(problem.active) * problem.count * (5 if problem.moves else 1)
+    impacts = 4 * len(problem.active) * problem.count * (5 if problem.has_velocity_errors else 1)
     return impacts <= MOST * (BY_TIME if isinstance(problem.route, sj.ODE) else 1.0)
 
 
@@ -257,24 +269,26 @@ def _decomposed(jacobian: Float[np.ndarray, "m p"], fixed=False):
     return directions.T * per / size[:, None], is_seen, rank, condition, nulls
 
 
-def _left(problem: Problem, leverage) -> Float[np.ndarray, " blocks"]:
+def _residual_dof(problem: Problem, leverage) -> Float[np.ndarray, " blocks"]:
     """Residual degrees of freedom of each block."""
     counts = [span.stop - span.start - np.sum(leverage[span]) for span in problem.spans]
     return np.maximum(counts, 1.0)
 
 
-def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom, Matrix]:
+def _of_noise(
+    problem: Problem, z, residual_dof, basis, root, jacobian
+) -> tuple[DegreesOfFreedom, Matrix]:
     """Part of the covariance that depends on each estimated variance, and the correction that this adds."""
     parts, sets, names, blocks = [], [], [], []
     added = np.zeros(root.shape)
     unknown = any(e.unknown or e.degrees is not None for e in problem.errors)
     residuals_of = problem.residuals_at(z[None]) if unknown else ()
     every = zip(problem.errors, problem.variances, residuals_of, strict=False)
-    for g, (errors, s, residuals) in enumerate(every):
-        kinds, relative = _estimates(errors, s, residuals, left[g])
+    for g, (errors, s, block) in enumerate(every):
+        kinds, relative = _estimates(errors, s, block, residual_dof[g])
         if not kinds:
             continue
-        turned = residuals._replace(jacobian=residuals.jacobian @ basis)
+        turned = block._replace(jacobian=block.jacobian @ basis)
         first, second = _changes(errors, s, turned, kinds, jacobian[problem.spans[g]] @ basis)
         parts += [-row for row in first]
         sets += [problem.block_names[g]] * len(kinds)
@@ -286,13 +300,13 @@ def _of_noise(problem: Problem, z, left, basis, root, jacobian) -> tuple[Freedom
             bent = first[c] @ first[d] + first[d] @ first[c] - second[c][d]
             bent += first[c] if c == d else 0.0  # - δ_cd ∂C/∂ln s
             added -= relative[c, d] * bent
-    carried = np.array([root @ part @ root.T for part in parts]).reshape(len(parts), *root.shape)
+    parts_in_z = np.array([root @ part @ root.T for part in parts]).reshape(len(parts), *root.shape)
     labels = tuple(e.label for e in problem.elements)
-    freedom = Freedom(labels, carried, _diagonal(blocks), tuple(sets), tuple(names))
-    return freedom, root @ added @ root.T
+    dof = DegreesOfFreedom(labels, parts_in_z, _diagonal(blocks), tuple(sets), tuple(names))
+    return dof, root @ added @ root.T
 
 
-def _estimates(errors: Errors, s, residuals: Residuals, left: float):
+def _estimates(errors: Errors, s, block: BlockResiduals, residual_dof: float):
     """Estimated variances of a block, and the covariance R of their logarithms."""
     if not errors.unknown:
         if errors.degrees is None:
@@ -300,19 +314,21 @@ def _estimates(errors: Errors, s, residuals: Residuals, left: float):
         return ["repeats"], np.array([[2 / errors.degrees]])
     kinds = list(errors.unknown)
     if not errors.noise.is_least_squares:
-        return kinds[:1], np.full((len(kinds[:1]),) * 2, errors.noise.variance_of_scale(left))
-    return kinds, relative_covariance(errors, s, residuals)[0]
+        return kinds[:1], np.full(
+            (len(kinds[:1]),) * 2, errors.noise.variance_of_scale(residual_dof)
+        )
+    return kinds, relative_covariance(errors, s, block)[0]
 
 
-def _changes(errors: Errors, s, residuals: Residuals, kinds: list[str], white):
+def _changes(errors: Errors, s, block: BlockResiduals, kinds: list[str], white):
     """∂A/∂ln s and ∂²A/∂ln s∂ln s of A = Jᵀ V⁻¹ J of one block."""
     if kinds == ["repeats"] or not errors.noise.is_least_squares:
         return [-white.T @ white], [[white.T @ white]]
 
     def information(step: np.ndarray) -> Matrix:
         at = {**s, **{kind: s[kind] * np.exp(h) for kind, h in zip(kinds, step, strict=True)}}
-        factor = errors.factor(at, residuals.slope, residuals.bend)
-        columns = errors.whiten(factor, residuals.jacobian)[0]
+        factor = errors.factor(at, block.slope, block.curvature_variance)
+        columns = errors.whiten(factor, block.jacobian)[0]
         return columns.T @ columns
 
     return differences(information, len(kinds))[1:]
@@ -326,29 +342,29 @@ def _diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
 def _of_values(stages: Stages, z) -> Uncertainty:
     """Rank and null directions of each stage; no variances."""
     size = len(z)
-    nulls, limits = np.zeros(size, bool), np.zeros(size, int)
+    nulls, bound_side = np.zeros(size, bool), np.zeros(size, int)
     rank, condition = 0, 1.0
-    for problem, own_limits in stages:
-        jacobian = np.where(own_limits != 0, 0.0, problem.linearise(z[None]).jacobian[0])
-        found = _decomposed(jacobian, own_limits != 0)
+    for problem, own_side in stages:
+        jacobian = np.where(own_side != 0, 0.0, problem.linearise(z[None]).jacobian[0])
+        found = _decomposed(jacobian, own_side != 0)
         *_, own_rank, own_condition, nulls[problem.active] = found
         rank, condition = rank + own_rank, max(condition, own_condition)
-        limits[problem.active] = own_limits
+        bound_side[problem.active] = own_side
     first, unknown = stages[0][0], np.full((size, size), np.nan)
     labels, none = tuple(e.label for e in first.elements), np.zeros((0, size, size))
     return Uncertainty(
         covariance=unknown,
         of_predictions=unknown,
-        whole=unknown,
-        freedom=Freedom(labels, none, np.zeros((0, 0)), (), ()),
+        covariance_known_noise=unknown,
+        dof=DegreesOfFreedom(labels, none, np.zeros((0, 0)), (), ()),
         rank=rank,
         condition_number=condition,
         undetermined=nulls,
-        limits=limits,
+        bound_side=bound_side,
         definite=True,
         deviation=np.sqrt(first.diagonal(z[None])[0]),
-        left=np.ones(len(first.spans)),
-        widened=np.ones(size),
+        residual_dof=np.ones(len(first.spans)),
+        se_inflation=np.ones(size),
     )
 
 

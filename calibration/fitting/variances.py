@@ -27,7 +27,7 @@ from scipy import special
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate
-from calibration.fitting.problem import Lanes, Pool, Problem, Residuals
+from calibration.fitting.problem import Batch, BlockResiduals, Pool, Problem
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
 NONE = 1e-7  # the same, below which it counts as none
@@ -60,57 +60,57 @@ def differences(value: Callable[[np.ndarray], Any], count: int, step: float = ST
     return here, first, second
 
 
-def criterion(errors: Errors, s: Mapping[str, Any], residuals: Residuals, restricted: bool = True):
+def criterion(errors: Errors, s: Mapping[str, Any], block: BlockResiduals, restricted: bool = True):
     """-2 ln L_R, or with what is not restricted -2 ln L, (fits,)."""
-    at = (s, residuals.off, residuals.slope, residuals.bend)
-    if residuals.kept is None:
+    at = (s, block.residual, block.slope, block.curvature_variance)
+    if block.included is None:
         value = errors.deviance(*at)
     else:
-        value = -2 * np.sum(residuals.kept * errors.by_point(*at), axis=1)
-    if not restricted or not residuals.jacobian.shape[2]:
+        value = -2 * np.sum(block.included * errors.by_point(*at), axis=1)
+    if not restricted or not block.jacobian.shape[2]:
         return value
-    factor = errors.factor(s, residuals.slope, residuals.bend)
-    columns = np.concatenate([residuals.jacobian, residuals.off[..., None]], axis=2)
-    white = errors.whiten(factor, columns * residuals.counted[..., None])
-    off, shares = white[..., -1], np.sqrt(errors.noise.information)
+    factor = errors.factor(s, block.slope, block.curvature_variance)
+    columns = np.concatenate([block.jacobian, block.residual[..., None]], axis=2)
+    white = errors.whiten(factor, columns * block.weight[..., None])
+    residual, shares = white[..., -1], np.sqrt(errors.noise.information)
     jacobian = white[..., :-1] * np.asarray(shares)[..., None]
-    information = residuals.information + np.swapaxes(jacobian, 1, 2) @ jacobian
+    information = block.information + np.swapaxes(jacobian, 1, 2) @ jacobian
     # in units that s does not move: a direction that does not show is a constant, and costs no point
-    size, free = residuals.sizes, residuals.free
+    size, free = block.sizes, block.free
     information = np.where(free[:, :, None] & free[:, None], information, 0.0)
     values, vectors = np.linalg.eigh(information / (size[:, :, None] * size[:, None]))
     values = np.where(values > RIDGE * np.max(values, axis=1, keepdims=True), values, RIDGE)
     value = value + np.sum(np.log(values), axis=1) + 2 * np.sum(np.log(size), axis=1)
-    if not errors.noise.is_least_squares or residuals.gradient is None:
+    if not errors.noise.is_least_squares or block.gradient is None:
         return value
-    b = (residuals.gradient + np.einsum("fnp,fn->fp", jacobian, off)) * residuals.free / size
+    b = (block.gradient + np.einsum("fnp,fn->fp", jacobian, residual)) * block.free / size
     return value - np.sum(np.einsum("fpq,fp->fq", vectors, b) ** 2 / values, axis=1)
 
 
 def estimated(
     errors: Errors,
-    residuals: Residuals,
+    block: BlockResiduals,
     restricted: bool = True,
     before: Mapping[str, Any] | None = None,
 ) -> Estimated:
     """The variances of the largest (restricted) likelihood, (fits,) each; searched from `before`."""
-    search = _Search(errors, residuals, restricted)
+    search = _Search(errors, block, restricted)
     known = before is not None and set(errors.unknown) <= set(before)
     starts = [search.place(before, most=0.0)] if known else search.starts()
     values = [search.value(y) for y in starts]
-    if residuals.off.size > FEW and len(starts) > 1:
+    if block.residual.size > FEW and len(starts) > 1:
         starts = [starts[int(np.argmin([float(np.sum(v)) for v in values]))]]
     ends = [search.descended(y) for y in starts]
     values = np.array([search.value(y) for y in ends])
-    best = np.array(ends)[np.argmin(values, axis=0), np.arange(len(residuals.off))]
+    best = np.array(ends)[np.argmin(values, axis=0), np.arange(len(block.residual))]
     return search.variances(best)
 
 
-def relative_covariance(errors: Errors, s: Mapping[str, Any], residuals: Residuals):
+def relative_covariance(errors: Errors, s: Mapping[str, Any], block: BlockResiduals):
     """Covariance of the logarithms of the variances, (fits, k, k), from the curvature of the criterion."""
-    search = _Search(errors, residuals, True)
+    search = _Search(errors, block, True)
     curvature = 0.5 * search.expanded(search.place(s))[2]
-    inside = np.stack([np.broadcast_to(s[k], len(residuals.off)) > 0 for k in errors.unknown], 1)
+    inside = np.stack([np.broadcast_to(s[k], len(block.residual)) > 0 for k in errors.unknown], 1)
     both = inside[:, :, None] & inside[:, None]
     values, vectors = np.linalg.eigh(np.where(both, curvature, np.eye(len(errors.unknown))))
     # a variance that the data hardly determine: as if from one degree of freedom
@@ -118,43 +118,43 @@ def relative_covariance(errors: Errors, s: Mapping[str, Any], residuals: Residua
     return np.where(both, inverse, 0.0)
 
 
-def _of_its_own(residuals: Residuals) -> Residuals:
-    """The same of the parameters that a block moves with; the others are at their best for these.
+def _with_own_parameters(block: BlockResiduals) -> BlockResiduals:
+    """Select the parameters that the block depends on; the others are at their best for these.
 
-    That changes the criterion by a constant. Of many sets side by side each moves with but a few.
+    That changes the criterion by a constant. Each of many sets depends on a few parameters only.
     """
-    active = np.any(residuals.jacobian != 0, axis=(0, 1))
-    if np.all(active) or residuals.gradient is not None:
-        return residuals
-    free = residuals.free[:, :, None] & residuals.free[:, None]  # what is at an end follows nothing
-    information = np.where(free, residuals.information, 0.0)
+    active = np.any(block.jacobian != 0, axis=(0, 1))
+    if np.all(active) or block.gradient is not None:
+        return block
+    free = block.free[:, :, None] & block.free[:, None]  # what is at an end follows nothing
+    information = np.where(free, block.information, 0.0)
     others = information[:, ~active][:, :, ~active]
     size = np.sqrt(np.diagonal(others, axis1=1, axis2=2))
     size = np.where(size > 0, size, 1.0)
     across = information[:, active][:, :, ~active] / size[:, None]
     others = others / (size[:, :, None] * size[:, None]) + RIDGE * np.eye(size.shape[1])
-    return residuals._replace(
-        jacobian=residuals.jacobian[:, :, active],
+    return block._replace(
+        jacobian=block.jacobian[:, :, active],
         information=information[:, active][:, :, active]
         - across @ np.linalg.solve(others, np.swapaxes(across, 1, 2)),
-        free=residuals.free[:, active],
+        free=block.free[:, active],
     )
 
 
 class _Search:
     """The criterion over y = ln of the variances, in units of the residuals' mean square."""
 
-    def __init__(self, errors: Errors, residuals: Residuals, restricted: bool):
-        residuals = _of_its_own(residuals)
-        self.errors, self.residuals, self.restricted = errors, residuals, restricted
-        self.square = residuals.square
+    def __init__(self, errors: Errors, block: BlockResiduals, restricted: bool):
+        block = _with_own_parameters(block)
+        self.errors, self.block, self.restricted = errors, block, restricted
+        self.square = block.square
         self.unit = np.stack([self._unit(kind) for kind in errors.unknown], axis=1)
         self.lower, self.upper = np.log([LEAST, MOST])
 
-    def some(self, fits: np.ndarray) -> "_Search":
-        """The same of some of the fits."""
+    def select(self, fits: np.ndarray) -> "_Search":
+        """Select fits."""
         part = copy(self)
-        part.residuals = jax.tree.map(lambda leaf: leaf[fits], self.residuals)
+        part.block = jax.tree.map(lambda leaf: leaf[fits], self.block)
         part.square, part.unit = self.square[fits], self.unit[fits]
         return part
 
@@ -162,8 +162,8 @@ class _Search:
         """Variance that makes ε as uncertain as the residuals are."""
         if kind in ("scatter", "group"):
             return self.square
-        unit = self.errors.variance({kind: 1.0}, self.residuals.slope, self.residuals.bend)
-        return self.square / np.maximum(np.mean(unit + 0 * self.residuals.off, axis=1), 1e-300)
+        unit = self.errors.variance({kind: 1.0}, self.block.slope, self.block.curvature_variance)
+        return self.square / np.maximum(np.mean(unit + 0 * self.block.residual, axis=1), 1e-300)
 
     def as_variances(self, y: np.ndarray) -> Estimated:
         values = np.exp(y) * self.unit
@@ -176,8 +176,8 @@ class _Search:
         bare = dict.fromkeys(variances, 0.0)
         with np.errstate(invalid="ignore"):
             rest = (
-                self.errors.variance(bare, self.residuals.slope, self.residuals.bend)
-                + 0 * self.residuals.off
+                self.errors.variance(bare, self.block.slope, self.block.curvature_variance)
+                + 0 * self.block.residual
             )
         # offsets alone leave no error between the points of a group
         apart = np.array(self.errors.unknown) != "group"
@@ -199,7 +199,7 @@ class _Search:
         return [np.repeat(np.log(x)[None], len(self.unit), 0) for x in shares[: k + (k > 1)]]
 
     def value(self, y: np.ndarray) -> np.ndarray:
-        result = criterion(self.errors, self.as_variances(y), self.residuals, self.restricted)
+        result = criterion(self.errors, self.as_variances(y), self.block, self.restricted)
         return np.where(np.isfinite(result), result, np.inf)
 
     def expanded(self, y: np.ndarray):
@@ -235,7 +235,7 @@ class _Search:
             further = moved & ~last & np.any(trial != at, axis=1)
             if not np.any(further):
                 break
-            going, search = going[further], search.some(further)
+            going, search = going[further], search.select(further)
         return y
 
 
@@ -244,12 +244,12 @@ FIRST_GROUP = 0.1  # of the variance of a point, offsets of groups where a searc
 
 def needs_variances(problem: Problem) -> bool:
     """Whether variances are found together with the parameters, as something is weighed against them."""
-    if all(stands_alone(problem, g) for g in range(len(problem.errors))):
+    if all(is_single_variance(problem, g) for g in range(len(problem.errors))):
         return False
     return any(errors.unknown for errors in problem.errors) or bool(problem.pools)
 
 
-def stands_alone(problem: Problem, g: int) -> bool:
+def is_single_variance(problem: Problem, g: int) -> bool:
     """Whether one scatter is all that is unknown of a block, and nothing is weighed against it."""
     priors = bool(problem.pools) or any(e.parameter.prior is not None for e in problem.elements)
     several = problem.joint and len(problem.errors) > 1
@@ -272,7 +272,7 @@ def first_variances(problem: Problem, z: np.ndarray) -> Problem:
         }
         starts.append({kind: guess[kind] for kind in errors.unknown})
     problem = replace(problem, variances=tuple(starts))
-    return renewed(problem, z) if needs_variances(problem) else problem
+    return update_variances(problem, z) if needs_variances(problem) else problem
 
 
 def with_level(problem: Problem) -> Problem | None:
@@ -296,32 +296,32 @@ def _with_level(errors: Errors, s: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def variances_at(
-    problem: Problem, z: Float[np.ndarray, "fits p"], lanes: Lanes | None = None, restricted=True
+    problem: Problem, z: Float[np.ndarray, "fits p"], batch: Batch | None = None, restricted=True
 ) -> tuple[dict[str, np.ndarray], ...]:
     """s of each data set and fit, from the residuals at z."""
-    before = problem.variances if lanes is None or lanes.variances is None else lanes.variances
+    before = problem.variances if batch is None or batch.variances is None else batch.variances
     estimates = []
-    every = zip(problem.errors, before, problem.residuals_at(z, lanes), strict=True)
-    for errors, s, residuals in every:
-        estimates.append(estimated(errors, residuals, restricted, s) if errors.unknown else {})
+    every = zip(problem.errors, before, problem.residuals_at(z, batch), strict=True)
+    for errors, s, block in every:
+        estimates.append(estimated(errors, block, restricted, s) if errors.unknown else {})
     return tuple(estimates)
 
 
-def renewed(
-    problem: Problem, z: np.ndarray, restricted: bool = True, limits: Any = None
+def update_variances(
+    problem: Problem, z: np.ndarray, restricted: bool = True, bound_side: Any = None
 ) -> Problem:
-    """The problem with variances and spreads of pools as of z, `limits` as of `estimate_of_pool`."""
+    """The problem with variances and spreads of pools as of z, `bound_side` as of `estimate_of_pool`."""
     if any(errors.unknown for errors in problem.errors):
         estimates = variances_at(problem, z[None], None, restricted)
         single = [{kind: float(value[0]) for kind, value in table.items()} for table in estimates]
         problem = replace(problem, variances=tuple(single))
     pools = [
-        p._replace(spread=estimate_of_pool(problem, z, p, limits).spread) for p in problem.pools
+        p._replace(spread=estimate_of_pool(problem, z, p, bound_side).spread) for p in problem.pools
     ]
     return replace(problem, pools=tuple(pools)) if pools else problem
 
 
-def have_settled(before: Problem, after: Problem) -> bool:
+def variances_converged(before: Problem, after: Problem) -> bool:
     """Whether two problems have the same variances and spreads of pools."""
     was, now = (
         [*(s[kind] for s in p.variances for kind in s), *(pool.spread for pool in p.pools)]
@@ -348,11 +348,11 @@ class PoolEstimate:
         information = float(np.sum(inverse))
         mean = float(np.sum(inverse @ self.place)) / information
         logs = float(np.linalg.slogdet(total)[1]) + float(np.log(information))
-        off = self.place - mean
-        return mean, information**-0.5, logs + float(off @ inverse @ off)
+        residual = self.place - mean
+        return mean, information**-0.5, logs + float(residual @ inverse @ residual)
 
     def minus_two_log(self, spread: float) -> float:
-        """What integrating over the members and their mean adds to -2 ln p at their best."""
+        """Term that integrating over the members and their mean adds to -2 ln p at their best."""
         count = len(self.place)
         around = (np.eye(count) - 1 / count) / spread**2
         determinant = np.linalg.slogdet(np.linalg.inv(self.covariance) + around)[1]
@@ -385,12 +385,12 @@ class PoolEstimate:
 
 
 def estimate_of_pool(
-    problem: Problem, z: np.ndarray, pool: Pool, limits: Any = None
+    problem: Problem, z: np.ndarray, pool: Pool, bound_side: Any = None
 ) -> PoolEstimate:
     """Estimates of a pool's members from the data and the priors of other parameters, without the pool.
 
     Args:
-        limits: +1 or -1 for active elements at an end of their range, which follow nothing, else 0.
+        bound_side: +1 or -1 for active elements at an end of their range, which follow nothing, else 0.
     """
     linear = problem.linearise(z[None])
     first = problem.count + len(problem.with_prior)
@@ -402,16 +402,18 @@ def estimate_of_pool(
     others = (rows < first) | (rows >= first + len(pool.members))
     jacobian, residual = linear.jacobian[0, others], linear.residual[0, others]
     members = np.searchsorted(problem.active, pool.members)
-    held = np.zeros(len(problem.active), bool) if limits is None else np.asarray(limits) != 0
+    held = (
+        np.zeros(len(problem.active), bool) if bound_side is None else np.asarray(bound_side) != 0
+    )
     rest = np.delete(np.where(held, 0.0, jacobian), members, axis=1)
     mine = np.c_[jacobian[:, members], residual]  # less what the others make up for
     mine = mine - rest @ np.linalg.lstsq(rest, mine, rcond=1e-9)[0]
-    slopes, off = mine[:, :-1], mine[:, -1]
+    slopes, residual = mine[:, :-1], mine[:, -1]
     information = slopes.T @ slopes
     count = len(pool.members)
     information += POOL_RIDGE * max(float(np.max(np.diag(information))), 1e-300) * np.eye(count)
     covariance = np.linalg.inv(information)
-    return PoolEstimate(z[list(pool.members)] - covariance @ slopes.T @ off, covariance)
+    return PoolEstimate(z[list(pool.members)] - covariance @ slopes.T @ residual, covariance)
 
 
 def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estimate]:
@@ -422,8 +424,8 @@ def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estima
     estimates = {}
     every = ((f.final, f.z, p) for f in fits for p in f.final.problem.pools)
     for final, z, pool in every:
-        problem, limits = final.problem, final.limits
-        estimate = estimate_of_pool(problem, z, pool, limits)
+        problem, bound_side = final.problem, final.bound_side
+        estimate = estimate_of_pool(problem, z, pool, bound_side)
         transform = problem.transform.part(np.array(pool.members[:1]))
         mean, error, least = estimate.mean(pool.spread)
         reach = float(special.stdtrit(len(pool.members) - 1, 0.5 * (1 + confidence))) * error

@@ -115,7 +115,7 @@ class FitWarning:
 
     @property
     def rank(self) -> int:
-        """Its place among warnings: the lower, the more of the result it is about."""
+        """Place of the warning among all: the lower, the more of the result it is about."""
         return FIRST.index(self.code) if self.code in FIRST else len(FIRST)
 
     @property

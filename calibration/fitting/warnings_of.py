@@ -17,7 +17,7 @@ from calibration.data import plausibility
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate, Goodness, MaterialFit
 from calibration.fitting.noise import Family
-from calibration.fitting.problem import DRAG, Lanes
+from calibration.fitting.problem import DRAG, Batch
 from calibration.fitting.profiles import Profile, weighted_deviation
 from calibration.fitting.search import Ends
 from calibration.fitting.stages import MOVED, ComponentFit, StageFit
@@ -114,7 +114,7 @@ def of_component(fit: ComponentFit, by_element: dict[int, Estimate], curves: dic
 
 
 def _slope(fit: ComponentFit, k: int) -> float:
-    """By how much -2 ln L still falls if a parameter grows by a factor of e, the others at their best."""
+    """Fall of -2 ln L if a parameter grows by a factor of e, the others at their best."""
     problem = fit.final.problem
     if k not in problem.active:
         return 0.0
@@ -147,14 +147,14 @@ def _of_element(fit: ComponentFit, k: int, estimate: Estimate) -> Found:
             advice = STEEPEST
         yield "at-bound", cause, advice
     mean, deviation = element.parameter.prior or (0.0, np.inf)
-    off = abs(value - mean) / deviation
-    if off > FROM_PRIOR:
-        text = f"{name} is {value:.3g}, {off:.2g} standard deviations from its prior"
+    distance = abs(value - mean) / deviation
+    if distance > FROM_PRIOR:
+        text = f"{name} is {value:.3g}, {distance:.2g} standard deviations from its prior"
         yield "prior-conflict", f"{text} {mean:.3g} ± {deviation:.2g}"
 
 
 def _of_drag(fit: ComponentFit) -> str:
-    """What to check where flights lose less than by buoyancy alone."""
+    """Advice where flights lose less than by buoyancy alone."""
     heights = []
     for data in fit.stages[0].problem.datasets:
         if data.fall is not None:
@@ -169,7 +169,7 @@ def _of_search(stage: StageFit) -> Found:
     name = stage.report.stage
     if not stage.ends.converged[0]:
         yield "not-converged", f"{name}: {stage.report.reason}"
-    if stage.alone:
+    if stage.single_search:
         lone = f"{name}: one search alone ended so low, and it misses the points"
         yield "several-minima", lone
 
@@ -251,8 +251,8 @@ def _other_minima(fit: ComponentFit, stage: StageFit, estimates: Mapping[int, Es
     bounds = problem.transform.part(problem.active)
 
     def runs_away(end: Ends) -> bool:
-        limits = end.limits[0]
-        return bool(np.any((limits != 0) & ~np.isfinite(bounds.bound_beyond(limits))))
+        bound_side = end.bound_side[0]
+        return bool(np.any((bound_side != 0) & ~np.isfinite(bounds.bound_beyond(bound_side))))
 
     def is_outside(k: int, value: float) -> bool:
         low, high = estimates[k].low, estimates[k].high
@@ -300,12 +300,12 @@ def _beside_jump(fit: ComponentFit, part: MaterialFit) -> str | None:
     """Points so near to first yield that they decide where it is, as ε jumps there and yield moves in the fit."""
     problem = fit.final.problem
     g = [spec.data.name for spec in fit.component.specs].index(part.name)
-    moves = () if problem.moves_yield is None else np.flatnonzero(problem.moves_yield)
-    if not any(g in fit.component.elements[k].sets for k in moves):
+    yield_elements = () if problem.affects_yield is None else np.flatnonzero(problem.affects_yield)
+    if not any(g in fit.component.elements[k].sets for k in yield_elements):
         return None
     critical, velocity = problem.yields_at(fit.z), problem.points.velocity
     assert critical is not None
-    sides = Lanes(velocity=critical * (1 + BESIDE * np.array([[-1.0], [1.0]])))
+    sides = Batch(velocity=critical * (1 + BESIDE * np.array([[-1.0], [1.0]])))
     below, above = problem.bare.linearise(np.tile(fit.z, (2, 1)), sides, False).prediction
     is_big = np.abs(above - below) > SHARE_OF_NOISE * fit.uncertainty.deviation
     is_eps = (problem.points.set == g) & (problem.points.observable == 0)
@@ -424,7 +424,7 @@ def _misfit(goodness: Goodness, of_noise: float | None) -> str | None:
 
 
 def _misfit_of_family(goodness: Goodness, of_noise: float | None) -> str | None:
-    """The same of errors that have no χ²: of the normal numbers that are as rare as the residuals.
+    """Misfit by errors that have no χ²: by the normal numbers that are as rare as the residuals.
 
     An outlier counts as much as one at the limit: heavy tails are there to bear a few, however far.
     """
@@ -498,7 +498,7 @@ def _unequal_scatter(velocity: Column, restitution: Column, standardised: Column
 
 
 def _ranks(values: Column) -> Column:
-    """Those that are equal share the mean of theirs; `scipy.stats` takes half a second to import."""
+    """Ranks of values; equal values share the mean of theirs; `scipy.stats` takes half a second to import."""
     _, place, count = np.unique(values, return_inverse=True, return_counts=True)
     return (np.cumsum(count) - 0.5 * (count - 1))[place]
 
@@ -549,8 +549,8 @@ def _of_levels(fit: ComponentFit, part: MaterialFit, residual) -> Found:
         spread = np.std(others, ddof=1) * np.sqrt(1 + 1 / (m - 1))
         far = abs(standard[k] - np.mean(others)) / max(spread, 1e-300)
         if far > special.stdtrit(m - 2, 1 - 0.5 * (1 - CONFIDENCE) / m):
-            off = f"group {[*part.group_offsets][k]} is off by {value[k]:.2g}"
-            yield "offset", f"{off}, {far:.2g} times the scatter of the other groups"
+            cause = f"group {[*part.group_offsets][k]} is off by {value[k]:.2g}"
+            yield "offset", f"{cause}, {far:.2g} times the scatter of the other groups"
         return
     standard, several = np.array(part.standardised), len(fit.component.sets) > 1
     n = len(standard)
@@ -570,22 +570,26 @@ def _no_velocity_dependence(errors: Errors, restitution: Column, noise: Family) 
     velocity, stated = errors.velocity, errors.points.uncertainty if errors.is_stated else None
     if np.ptp(velocity) == 0:
         return f"all points have one velocity, {velocity[0]:.4g} m/s"
-    left, unit = len(velocity) - 2, np.ones(len(velocity)) if stated is None else stated
+    residual_dof, unit = len(velocity) - 2, np.ones(len(velocity)) if stated is None else stated
     design = np.stack([np.ones(len(velocity)), velocity - np.mean(velocity)], 1)
     white, target = design / unit[:, None], restitution / unit
     weight, scale = np.ones(len(velocity)), 1.0
     for _ in range(LINE_ROUNDS):
         line = np.linalg.pinv(white * weight[:, None] ** 0.5) @ (target * weight**0.5)
-        off = target - white @ line
+        residual = target - white @ line
         if stated is None:
-            scale = float(np.sum(weight * off**2) / left) ** 0.5 if left > 0 else np.inf
-        weight, before = noise.weight(off / max(scale, 1e-300)), weight
+            scale = (
+                float(np.sum(weight * residual**2) / residual_dof) ** 0.5
+                if residual_dof > 0
+                else np.inf
+            )
+        weight, before = noise.weight(residual / max(scale, 1e-300)), weight
         if np.array_equal(weight, before):
             break
     error = scale * float(np.linalg.inv(white.T @ white * noise.information)[1, 1]) ** 0.5
     slope, quantile = float(line[1]), float(special.ndtri(0.975))
-    if stated is None and left > 0:
-        quantile = float(special.stdtrit(left, 0.975))
+    if stated is None and residual_dof > 0:
+        quantile = float(special.stdtrit(residual_dof, 0.975))
     if abs(slope) > quantile * error or (error == 0 and abs(slope) * np.ptp(velocity) > 1e-9):
         return None
     if error == np.inf:

@@ -70,7 +70,7 @@ def files_of(export: Export) -> dict[str, str]:
 
 
 def numbers_of_input(export: Export, law: Any) -> dict[str, float]:
-    """What input lines say of a law [SI], by the names of their templates."""
+    """Numbers of a law in input lines [SI], by the names of their templates."""
     poisson_ratio = export.target.poisson_ratio
     names = ("radius", "mass", "youngs_modulus")
     radius, mass, modulus = (number_of(getattr(law.contact, name)) for name in names)

@@ -120,7 +120,7 @@ class Export:
 
     @property
     def headline(self) -> str:
-        """What a file lacks, before all else; empty if nothing."""
+        """Headline of what a file lacks; empty if nothing."""
         if not self.target.on_wall:
             return ""
         if self.to == "lammps" and not self.options.types:
@@ -129,7 +129,7 @@ class Export:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know before it is used: extrapolation, deep overlaps, slow impacts, warnings of the fit."""
+        """Warnings before a file is used: extrapolation, deep overlaps, slow impacts, warnings of the fit."""
         fit, (low, high) = self.target.fit, self.target.range
         texts = [self.headline] if self.headline else []
         if self.stale:

@@ -86,7 +86,7 @@ def shortest(contacts: Sequence[Contact]) -> float:
 
 
 def weight_error(contacts: Sequence[Contact], gravity: float) -> float:
-    """By how much weight makes the largest error of ε larger, by steps that are fine."""
+    """Part that weight adds to the largest error of ε, by steps that are fine."""
     if gravity == 0:
         return 0.0
     step = shortest(contacts) / TRIED[-1]

@@ -57,7 +57,7 @@ def surrogate_of(key: str, target: Target, from_loading: bool) -> Any:
 
 
 def _stiffness(key: str, target: Target) -> float:
-    """As the law states it, else by ½ K δ² = ½ M v² at its largest overlap [N/m]."""
+    """Stiffness as the law states it, else by ½ K δ² = ½ M v² at its largest overlap [N/m]."""
     law, fastest = target.law, target.range[1]
     kind, field = STATED.get(key, (None, ""))
     if type(law) is kind:
@@ -68,7 +68,7 @@ def _stiffness(key: str, target: Target) -> float:
 
 
 def dashpot_for(restitution: float) -> float:
-    """What `restitution` of a dashpot law is set to, so that ε in (e^-2, 1] comes out with this end.
+    """Set `restitution` of a dashpot law so that ε in (e^-2, 1] comes out with this end.
 
     It means a contact that pulls until its overlap is zero, ln e = -π ξ/√(1 - ξ²). This one ends before, and loses as
     much on approach as a full contact that starts at its peak: ln ε = -2 ξ arccos ξ/√(1 - ξ²).

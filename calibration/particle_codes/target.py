@@ -215,7 +215,7 @@ class Impacts:
         return float(max(np.max(self.coefficient) ** 2 - 1, 0.0))
 
     def softened(self, factor: float) -> "Impacts":
-        """The same impacts on springs softer by `factor`."""
+        """Repeat the impacts on springs softer by `factor`."""
         longer = {"peak": factor * self.peak, "duration": factor * self.duration}
         return dataclasses.replace(self, **longer, force=self.force / factor)
 

@@ -107,7 +107,7 @@ def curves_figure(
 
 
 def observables_figure(result: Any) -> Figure | None:
-    """The same of each observable other than ε, with relative residuals; None if none was measured."""
+    """Draw each observable other than ε, with relative residuals; None if none was measured."""
     shown = [(fit, observed, ()) for fit in result.materials for observed in fit.data.observed]
     return _figure(result, shown, 4.0, "observables")[0] if shown else None
 

@@ -99,7 +99,7 @@ def _largest_shares(budget: Any, labels: list[str]) -> np.ndarray:
 
 
 def budget_sentences(result: Any) -> list[str]:
-    """What dominates each parameter, and which inputs act on one side more than on the other."""
+    """Sentences about what dominates each parameter, and which inputs act on one side more than on the other."""
     budget, lines, of_points = result.budget, [], []
     for label in _labels(result):
         name, share = next(iter(budget.shares(label).items()))

@@ -22,7 +22,7 @@ def markdown(result: Any) -> str:
 
 
 def latex(result: Any) -> str:
-    """The same as a tabular with the rules of booktabs, symbols and numbers in formulas."""
+    """Table of parameters as a tabular with the rules of booktabs, symbols and numbers in formulas."""
     table = parameter_table(result, brief=True)
     head = [_escaped(name).replace("±", r"$\pm$") for name in table.columns]
     rows = [

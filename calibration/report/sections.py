@@ -238,7 +238,7 @@ def _reasons(result: Any) -> list[str]:
 
 
 def _outliers(result: Any) -> list[Block]:
-    """What lies beyond the noise."""
+    """Points beyond the noise."""
     head, lines = outlier_lines(result)
     return _optional("list", lines, head) or ([Block("text", head)] if head else [])
 

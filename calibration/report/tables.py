@@ -248,7 +248,7 @@ def fitted_texts(fit: Any, level: float | None = None, with_errors: bool = True)
 
 
 def quality_words(result: Any) -> list[str]:
-    """What the columns of the goodness of fit are."""
+    """Meaning of the columns of the goodness of fit."""
     table = quality_table(result)
     words = QUALITY | {"scatter": result.materials[0].family.scale_words}
     return [f"{name}: {text}" for name, text in words.items() if name in table]

@@ -146,7 +146,7 @@ class Criterion:
     by_inputs: float = 0.0
 
     def value(self, information: Matrices) -> Any:
-        """Its logarithm, of (..., p, p)."""
+        """Logarithm of the criterion, of (..., p, p)."""
         if self.aim is None:
             covariance = covariance_of(information, self.of_inputs)
             return np.linalg.slogdet(covariance)[1] / covariance.shape[-1]
@@ -162,14 +162,14 @@ class Criterion:
         places = np.array(places)
         best = float(self.value(self.before + np.sum(shots[places], axis=0)))
         while True:
-            begun = best
+            before = best
             for i in range(len(places)):
                 others = self.before + np.sum(shots[np.delete(places, i)], axis=0)
                 values = self.value(others + shots)
                 k = int(np.argmin(values))
                 if values[k] < best - BETTER:
                     places[i], best = k, float(values[k])
-            if best >= begun - BETTER:
+            if best >= before - BETTER:
                 return np.sort(places), best
 
     def greedy(self, shots: Matrices, size: float) -> Int[np.ndarray, " n"]:
@@ -199,7 +199,7 @@ class Search:
         return self.plan.shots(self.grid)[0]
 
     def added(self, velocity: Column) -> Matrices:
-        """What is known with shots."""
+        """Information with further shots."""
         return self.rule.before + np.sum(self.plan.shots(velocity)[0], axis=0)
 
     def best(self, count: int, first: Any = None) -> Column:
@@ -390,7 +390,7 @@ def _symbol_of(target: str) -> str:
 
 
 def _target_of(target: str | None, plan: Plan) -> str:
-    """Its label among the parameters, its name among `DERIVED`, or eps@v."""
+    """Target of a plan: a label of the parameters, a name of `DERIVED`, or eps@v."""
     free = plan.material.free
     if target is None:
         return free.get("chi", plan.names[0])

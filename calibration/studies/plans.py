@@ -320,7 +320,7 @@ def lowest_shot(material: MaterialFit, low: float, high: float) -> float:
     data, rows = material.data, np.flatnonzero(np.isfinite(material.data.restitution))
     if not rows.size:
         return low
-    measured = data.errors.some(rows), data.velocity[rows], data.restitution[rows]
+    measured = data.errors.select(rows), data.velocity[rows], data.restitution[rows]
     expected = curve_and_slopes(material, velocity)[0]
     u_v = like_measured(*measured, velocity, expected, material.timing).velocity_uncertainty
     if u_v is None:
@@ -365,7 +365,7 @@ class Planned:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Information(Planned):
-    """What planned impacts determine of the parameters, by the likelihood.
+    """Information of planned impacts about the parameters, by the likelihood.
 
     Attributes:
         truth: θ.

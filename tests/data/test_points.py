@@ -26,7 +26,7 @@ def test_arrays_are_copies_labels_have_their_order_and_print_tells_what_it_is():
     assert data.velocity.dtype == data.restitution.dtype == np.float64
     np.testing.assert_array_equal(data.velocity, [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(data.uncertainty, [0.01, 0.01, 0.01])
-    for array in (data.velocity, data.errors.restitution_alone):
+    for array in (data.velocity, data.errors.u_restitution):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
     table = {"velocity [cm/s]": [12, 29], "restitution": [0.9, 0.8], "group": ["a", "b"]}
@@ -64,7 +64,7 @@ def test_sets_that_differ_in_one_thing_differ_and_errors_are_one_statement():
     pairs = [*changed.items(), ("remarks", ("x",)), ("contact", None), ("contact", other)]
     for name, value in (*pairs, ("uncertainty", None), ("uncertainty", [0.01, 0.02])):
         assert same != cal.RestitutionData(**fields | {name: value}), name
-    errors = cal.PointErrors.alone(2, np.array([0.01, 0.02]), np.array([0.1, 0.2]))
+    errors = cal.PointErrors.independent(2, np.array([0.01, 0.02]), np.array([0.1, 0.2]))
     data = cal.RestitutionData([1.0, 2.0], [0.9, 0.8], errors=errors)
     stated = {"uncertainty": [0.01, 0.02], "velocity_uncertainty": [0.1, 0.2]}
     assert data == cal.RestitutionData([1.0, 2.0], [0.9, 0.8], **stated)
@@ -94,7 +94,7 @@ def test_one_limit_velocity_absurd_numbers_and_restitutions_above_one():
 
 def test_an_unknown_kind_of_reading_is_refused_and_another_set_differs_by_what_it_measured():
     with pytest.raises(cal.DataError, match=r"'velocities', 'heights'.*but is 'energies'"):
-        replace(cal.PointErrors.alone(2), kind="energies")
+        replace(cal.PointErrors.independent(2), kind="energies")
     timed = cal.RestitutionData([1.0, 2.0], [0.9, 0.8], contact_time=[1e-5, math.nan])
     assert timed != cal.RestitutionData([1.0, 2.0], [0.9, 0.8])
     assert timed == cal.RestitutionData([1.0, 2.0], [0.9, 0.8], measured=timed.measured)

@@ -393,8 +393,8 @@ def test_a_parameter_that_moves_nothing_but_rounding_stays_where_it_is():
     random = np.random.default_rng(0)
     restitution = 0.6 + 0.01 * random.standard_normal(12)
     data = cal.RestitutionData(np.geomspace(0.5, 5, 12), restitution, pair("stainless steel"))
-    begun = {"scale": cal.Parameter(1.0), "width": cal.Parameter(1.0)}
-    result = cal.fit(data, Scaled, begun, profiles=False, starts=4)
+    starts = {"scale": cal.Parameter(1.0), "width": cal.Parameter(1.0)}
+    result = cal.fit(data, Scaled, starts, profiles=False, starts=4)
     assert result.converged
     assert np.isnan(result.standard_errors["scale"])
     assert 1e-4 < abs(result.values["scale"]) < 1e4

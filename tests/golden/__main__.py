@@ -46,11 +46,11 @@ def main() -> int:
     arguments = parser.parse_args()
     total = 0
     for name in arguments.names or SCENARIOS:
-        begun = time.process_time()
+        started = time.process_time()
         new = found(name)
         lines = moved(name, new)
         total += len(lines)
-        print("\n".join([*lines, f"{name}: {time.process_time() - begun:.1f} s"]), flush=True)
+        print("\n".join([*lines, f"{name}: {time.process_time() - started:.1f} s"]), flush=True)
         if not arguments.check and lines:
             RECORDED.mkdir(exist_ok=True)
             table = renewed(recorded(name), new)

@@ -65,8 +65,8 @@ OBJECTS = {
         "a TOML of 3 MB": ("m.toml", "2 MiB|smaller", "#" * 3_000_000),
     },
     "arguments": {
-        "errors of three": ("errors", "3|as many points as `velocity`, 2", {"errors": cal.PointErrors.alone(3)}),
-        "uncertainty beside other errors": ("uncertainty", "errors", {"uncertainty": 0.1, "errors": cal.PointErrors.alone(2, np.array([0.2, 0.2]))}),
+        "errors of three": ("errors", "3|as many points as `velocity`, 2", {"errors": cal.PointErrors.independent(3)}),
+        "uncertainty beside other errors": ("uncertainty", "errors", {"uncertainty": 0.1, "errors": cal.PointErrors.independent(2, np.array([0.2, 0.2]))}),
         "a launch in two groups": ("group", "'a' and 'b'|share an error", {"group": ["a", "b"], "errors": LAUNCH}),
         "a material for a contact": ("contact", "softjax.Contact", {"contact": sj.NYLON}),
     },

@@ -39,6 +39,8 @@ def test_variances_of_trains_are_those_of_the_largest_restricted_likelihood(stat
     data = cal.RestitutionData.from_table(table, **options)
     result = cal.fit(data, "constant", **QUICK)
     result.save(tmp_path / "fit.json")
+    (entry,) = json.loads((tmp_path / "fit.json").read_text())["fits"]
+    assert {"restitution_alone", "velocity_alone"} <= {*entry["data"]["errors"]}
     again = cal.FitResult.load(tmp_path / "fit.json")
     assert again == result
     ends = [one.band([2.0, 2.5], kind="prediction").high for one in (again, result)]

@@ -196,8 +196,8 @@ def test_a_band_has_no_limits_where_what_the_data_do_not_determine_moves_the_cur
     np.testing.assert_allclose(known.standard_error, expected, rtol=1e-3)
     # of a parameter that acts on no point
     slow = cal.RestitutionData(np.linspace(0.5, 2.5, 5), measured, uncertainty=0.01)
-    begun = {"level": cal.Parameter(0.8), "slope": cal.Parameter(0.05)}
-    limits = cal.fit(slow, Knee, begun, starts=1).band([2.0, 4.0])
+    starts = {"level": cal.Parameter(0.8), "slope": cal.Parameter(0.05)}
+    limits = cal.fit(slow, Knee, starts, starts=1).band([2.0, 4.0])
     np.testing.assert_allclose(limits.standard_error, [error, np.nan], rtol=1e-6)
 
 

@@ -103,7 +103,7 @@ class Linear(NamedTuple):
 
 
 class Path(NamedTuple):
-    """Along the profile of one of some unknowns.
+    """Coordinates along the profile of one of some unknowns.
 
     Attributes:
         order: places of t and of the others, (k,).
