@@ -212,17 +212,17 @@ def _bodies(pair: Sequence[Any]) -> tuple[str, dict[str, float] | None]:
     if not pair or any(np.ndim(body.radius) for body in pair):
         return "spheres", None
 
-    def numbers(body: Any, suffix: str) -> dict[str, float]:
-        return {f"{name}{suffix}": float(x) for name, x in body.material.leaves().items()}
+    def numbers(body: Any, owner: str = "") -> dict[str, float]:
+        return {f"{owner}{name}": float(x) for name, x in body.material.leaves().items()}
 
     first, second = pair
     if second.radius is None:
-        return "wall", numbers(first, "") | {"radius": first.radius} | numbers(second, "_wall")
+        return "wall", numbers(first) | {"radius": first.radius} | numbers(second, "wall.")
     radii = {"radius_1": first.radius, "radius_2": second.radius}
     if first.material.leaves() != second.material.leaves():
-        return "unlike spheres", numbers(first, "_1") | numbers(second, "_2") | radii
+        return "unlike spheres", numbers(first) | numbers(second, "second.") | radii
     radii = {"radius": first.radius} if first.radius == second.radius else radii
-    return "spheres", numbers(first, "") | radii
+    return "spheres", numbers(first) | radii
 
 
 def _law(

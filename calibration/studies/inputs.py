@@ -1,11 +1,13 @@
 """The numbers that ε depends on, by name, and the law they make.
 
 A property of a material acts through the contact that is built of it, so derivatives are taken
-through what builds it.
+through what builds it. Names are those of an uncertainty budget: `youngs_modulus` of the first body (or
+of both, where they are equal), `wall.youngs_modulus` or `second.youngs_modulus` of the other one,
+`contact.youngs_modulus` of the pair.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -15,15 +17,16 @@ import jax
 import numpy as np
 
 import softjax as sj
-from calibration.errors import DataError
-from calibration.fitting.laws import eps_up_of, sigma_of
+from calibration.errors import DataError, did_you_mean, listed
+from calibration.fitting.laws import OF_CONTACT, eps_up_of, sigma_of
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.result import FitResult
 from softjax.fields import Declared, declarations, numbers_of, options_of, shared_fields
 
 VELOCITY = "velocity"
-# which endings the names of the two bodies' properties have
-BODIES = {"spheres": ("", ""), "unlike spheres": ("_1", "_2"), "wall": ("", "_wall")}
+# whose property stands before a name, of the first and of the other body
+BODIES = {"spheres": ("", ""), "unlike spheres": ("", "second."), "wall": ("", "wall.")}
+SIZE = re.compile(r"(radius)_([12])")  # of spheres of two sizes
 OF_BODIES = declarations(sj.Material) | declarations(sj.Contact)
 OF_BODIES |= {VELOCITY: Declared("v", "m/s", "velocity")}
 OF_BODIES |= {"eps_up": Declared("ε_up", "-", "restitution", 0.0, 1.0)}
@@ -34,7 +37,7 @@ class Inputs:
     """Named numbers, and how a law is made of them.
 
     Attributes:
-        values: name -> value, SI. A name may end in `_1`, `_2`, `_wall`: of which body.
+        values: name -> value, SI: "density", "wall.density", "radius_1", "contact.radius", "chi".
         build: makes the law of such a mapping; traceable by JAX.
     """
 
@@ -42,11 +45,13 @@ class Inputs:
     build: Callable[[Mapping[str, Any]], sj.ContactLaw]
 
     def law(self, **moved: float) -> sj.ContactLaw:
-        """The law of the values themselves, but of those that are moved.
+        """The law of the values themselves, but of those that are moved: law(**{"wall.density": 7800.0}).
 
         Raises:
-            ValueError: where they make no law.
+            ValueError: where they make no law, and naming one that is no input.
         """
+        for name in moved:
+            self[name]
         law = self.build({**self.values, **moved})
         for kind in type(law).__mro__:  # a pytree built by hand was not validated
             if "__check_init__" in vars(kind):
@@ -54,13 +59,22 @@ class Inputs:
         return law
 
     def __getitem__(self, name: str) -> float:
+        if name not in self.values:
+            raise _unknown(name, self.values)
         return self.values[name]
 
     def declared(self, name: str) -> Declared:
         """Symbol and unit of one of them, or of the velocity."""
-        stem, body = re.fullmatch(r"(.*?)(?:_(1|2|wall))?", name.rpartition(".")[2]).groups()  # type: ignore[union-attr]
-        known = (OF_BODIES | declarations(type(self.law()))).get(stem, Declared(stem))
-        return known._replace(symbol=f"{known.symbol or stem} {body or ''}".strip())
+        owner, _, key = name.rpartition(".")
+        known, of = OF_BODIES | declarations(type(self.law())), owner.removesuffix("contact")
+        if key not in known and (size := SIZE.fullmatch(key)):
+            key, of = size.groups()
+        declared = known.get(key, Declared(key))
+        return declared._replace(symbol=f"{declared.symbol or key} {of}".strip())
+
+
+def _unknown(name: str, known: Iterable[str]) -> DataError:
+    return DataError("inputs", repr(name), f"one of {listed(known)}{did_you_mean(name, known)}")
 
 
 @dataclass(frozen=True)
@@ -73,8 +87,17 @@ class OfBodies:
     options: tuple[tuple[str, str], ...] = ()  # of the law, in words
 
     def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
-        ends, names = BODIES[self.bodies], declarations(sj.Material)
-        first, second = (sj.Material(*(values[name + end] for name in names)) for end in ends)
+        owners, names = BODIES[self.bodies], declarations(sj.Material)
+        stated = [owner + name for owner in dict.fromkeys(owners) for name in names]
+        stated += ["radius_1", "radius_2"] if "radius_1" in values else ["radius"]
+        stated += [n for n in declarations(self.law) if n not in stated]  # type: ignore[arg-type]
+        for name in values:
+            if name not in stated:
+                raise _unknown(name, stated)
+        for name in stated:
+            if name not in values:
+                raise DataError("inputs", f"without {name!r}", f"all of {listed(stated)}")
+        first, second = (sj.Material(*(values[who + name] for name in names)) for who in owners)
         if self.bodies == "wall":
             contact = sj.Contact.with_wall(first, second, values["radius"], area=self.area)
         else:
@@ -90,8 +113,19 @@ class OfLaw(eqx.Module):
     law: sj.ContactLaw
 
     def __call__(self, values: Mapping[str, Any]) -> sj.ContactLaw:
-        moved = [values[name] for name in numbers_of(self.law)]
+        moved = [values[name] for name in _named(self.law)]
         return eqx.tree_at(lambda law: [*numbers_of(law).values()], self.law, moved)
+
+
+def _named(law: sj.ContactLaw) -> dict[str, Any]:
+    """`numbers_of` a law, with those of the contact as of the pair."""
+    numbers, contact = numbers_of(law), getattr(law, "contact", None)
+    of_pair = {*numbers_of(contact)} if isinstance(contact, sj.Contact) else set()
+    of_pair -= {
+        *declarations(type(law)),
+        *(n.removeprefix(OF_CONTACT) for n in numbers if "." in n),
+    }
+    return {OF_CONTACT + n if n in of_pair else n: x for n, x in numbers.items()}
 
 
 class OfLoss(eqx.Module):
@@ -135,7 +169,7 @@ def of_law(law: sj.ContactLaw) -> Inputs:
     Raises:
         ValueError: where another field is an array.
     """
-    numbers, own = numbers_of(law), declarations(type(law))
+    numbers, own = _named(law), declarations(type(law))
     for name, value in numbers.items():
         if np.ndim(value):
             raise DataError(name, f"of shape {np.shape(value)}", "a single number")

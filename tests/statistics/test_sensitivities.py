@@ -6,6 +6,7 @@ import pytest
 
 import calibration as cal
 import softjax as sj
+from calibration.studies.inputs import OfBodies
 from tests.cases import FITTED, MATERIALS, RADIUS, column, fitted, law_of, of_form
 from tests.fit_data import twin
 from tests.fit_oracle import thornton
@@ -23,6 +24,8 @@ PROPERTIES = {  # the oracle's names
 }
 LEAVES = {name: PROPERTIES[name] for name in PROPERTIES if name not in ("poisson_ratio", "density")}
 LEAVES |= {"mass": "M", "limit_velocity": "v_lim"}
+PAIR = ("youngs_modulus", "yield_strength", "radius", "mass", "limit_velocity")
+LEAVES = {"contact." * (name in PAIR) + name: letter for name, letter in LEAVES.items()}
 VELOCITY = np.array([0.002, 0.05, 0.7, 2.0])
 DIMENSIONS = {  # exponents of kilogram, metre and second: ε is the same in any units
     **{"-": (0, 0, 0), "Pa": (1, -1, -2), "N/m": (1, 0, -2), "kg": (1, 0, 0), "m": (0, 1, 0)},
@@ -123,9 +126,46 @@ def test_inputs_of_a_law_are_its_single_numbers_by_names_of_their_own():
     assert (moved.radius, moved.contact.radius) == (0.6, inputs.values["contact.radius"])
     np.testing.assert_array_equal(moved.weights, weights)
     declared = cal.Inputs({}, lambda values: fitted("nylon")).declared
-    names = ("density_2", "poisson_ratio_wall", "chi", "velocity")
-    expected = [("ρ 2", "kg/m³"), ("ν wall", "-"), ("χ̃", "-"), ("v", "m/s")]
+    names = (
+        "density",
+        "wall.poisson_ratio",
+        "second.density",
+        "radius_2",
+        "contact.mass",
+        "chi",
+        "velocity",
+    )
+    expected = [
+        *(("ρ", "kg/m³"), ("ν wall", "-"), ("ρ second", "kg/m³"), ("R 2", "m"), ("M", "kg")),
+        *(("χ̃", "-"), ("v", "m/s")),
+    ]
     assert [declared(name)[:2] for name in names] == expected
+
+
+def test_names_are_those_of_a_budget_and_others_are_refused():
+    """A misspelt name would move nothing, and names of former releases had endings."""
+    inputs = cal.of_spheres(sj.NYLON, RADIUS, **FITTED["nylon"])
+    assert inputs.law(density=900.0).contact.mass < inputs.law().contact.mass
+    for name in ("density_wall", "wall.density", "contact.mass"):
+        with pytest.raises(ValueError, match=rf"one of youngs_modulus, .*psi.* '{name}'"):
+            inputs.law(**{name: 900.0})
+        with pytest.raises(ValueError, match="one of youngs_modulus"):
+            inputs[name]
+    of_law = cal.of_law(fitted("nylon"))
+    with pytest.raises(ValueError, match=r"did you mean 'contact\.youngs_modulus'"):
+        of_law.law(youngs_modulus=1e9)
+    of_wall = OfBodies("wall", sj.Thornton)
+    ball = {name: float(x) for name, x in sj.NYLON.leaves().items()}
+    values = ball | {f"wall.{n}": 2 * x for n, x in ball.items()}
+    values |= {"radius": RADIUS, "yield_factor": 1.6, "wall.poisson_ratio": 0.3}
+    moved = cal.Inputs(values, of_wall).law(**{"wall.youngs_modulus": 1e12})
+    stiffer = sj.Material(1e12, 0.3, 2 * sj.NYLON.density, 2 * sj.NYLON.yield_strength)
+    assert moved.contact == sj.Contact.with_wall(sj.NYLON, stiffer, RADIUS)
+    old = {n.replace("wall.", "") + "_wall" * n.startswith("wall."): x for n, x in values.items()}
+    with pytest.raises(ValueError, match=r"wall\.density.*'youngs_modulus_wall'"):
+        cal.Inputs(old, of_wall).law()
+    with pytest.raises(ValueError, match=r"without 'wall\.density'"):
+        cal.Inputs({n: x for n, x in values.items() if n != "wall.density"}, of_wall).law()
 
 
 def test_of_a_fit_above_yield_the_loss_is_one_input():
