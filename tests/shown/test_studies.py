@@ -104,6 +104,8 @@ def test_an_effect_too_small_to_see_is_named_in_the_legend(tmp_path):
     assert "wall" in below
     rows = list(csv.DictReader(made.text("sensitivity.csv").splitlines()))
     slopes = {n: max(abs(float(r[n])) for r in rows) for n in rows[0] if " d(eps)/d(" in n}
+    of = lambda name: slopes[f"{name} d(eps)/d({name})"]  # noqa: E731
+    assert of("youngs_modulus") > 1e4 * of("wall.youngs_modulus") > 0
     limit = 2e-3 * max(slopes.values())
     assert below.startswith(f"below {limit:.0e}: ")
     assert below.count(",") + 1 == sum(1e-12 <= size < limit for size in slopes.values()) > 0

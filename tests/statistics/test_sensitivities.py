@@ -6,7 +6,6 @@ import pytest
 
 import calibration as cal
 import softjax as sj
-from calibration.studies.inputs import OfBodies
 from tests.cases import FITTED, MATERIALS, RADIUS, column, fitted, law_of, of_form
 from tests.fit_data import twin
 from tests.fit_oracle import thornton
@@ -154,18 +153,10 @@ def test_names_are_those_of_a_budget_and_others_are_refused():
     of_law = cal.of_law(fitted("nylon"))
     with pytest.raises(ValueError, match=r"did you mean 'contact\.youngs_modulus'"):
         of_law.law(youngs_modulus=1e9)
-    of_wall = OfBodies("wall", sj.Thornton)
-    ball = {name: float(x) for name, x in sj.NYLON.leaves().items()}
-    values = ball | {f"wall.{n}": 2 * x for n, x in ball.items()}
-    values |= {"radius": RADIUS, "yield_factor": 1.6, "wall.poisson_ratio": 0.3}
-    moved = cal.Inputs(values, of_wall).law(**{"wall.youngs_modulus": 1e12})
-    stiffer = sj.Material(1e12, 0.3, 2 * sj.NYLON.density, 2 * sj.NYLON.yield_strength)
-    assert moved.contact == sj.Contact.with_wall(sj.NYLON, stiffer, RADIUS)
-    old = {n.replace("wall.", "") + "_wall" * n.startswith("wall."): x for n, x in values.items()}
-    with pytest.raises(ValueError, match=r"wall\.density.*'youngs_modulus_wall'"):
-        cal.Inputs(old, of_wall).law()
-    with pytest.raises(ValueError, match=r"without 'wall\.density'"):
-        cal.Inputs({n: x for n, x in values.items() if n != "wall.density"}, of_wall).law()
+    with pytest.raises(ValueError, match=r"one of youngs_modulus.*'density_2'"):
+        inputs.build({**inputs.values, "density_2": 900.0})
+    with pytest.raises(ValueError, match=r"all of youngs_modulus.*without 'density'"):
+        inputs.build({name: x for name, x in inputs.values.items() if name != "density"})
 
 
 def test_of_a_fit_above_yield_the_loss_is_one_input():
