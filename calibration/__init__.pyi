@@ -1,4 +1,6 @@
 # What type checkers and editors see of the names that are loaded when asked for.
+from calibration.comparison import Comparison as Comparison
+from calibration.comparison import compare as compare
 from calibration.data.materials import read_problem as read_problem
 from calibration.data.materials import read_toml as read_toml
 from calibration.data.measurements import RestitutionData as RestitutionData
@@ -8,6 +10,8 @@ from calibration.data.sheet import read_csv as read_csv
 from calibration.data.sheet import read_frame as read_frame
 from calibration.errors import DataError as DataError
 from calibration.errors import InputError as InputError
+from calibration.fit_result import FitResult as FitResult
+from calibration.fit_result import fit as fit
 from calibration.fitting.laws import LAWS as LAWS
 from calibration.fitting.line import Line as Line
 from calibration.fitting.material import Band as Band
@@ -16,8 +20,6 @@ from calibration.fitting.material import MaterialFit as MaterialFit
 from calibration.fitting.profiles import Profile as Profile
 from calibration.fitting.refits import Bootstrap as Bootstrap
 from calibration.fitting.refits import LeaveOneOut as LeaveOneOut
-from calibration.fitting.result import FitResult as FitResult
-from calibration.fitting.result import fit as fit
 from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
 from calibration.fitting.warnings import FitWarning as FitWarning
@@ -27,8 +29,6 @@ from calibration.paper import paper_materials as paper_materials
 from calibration.parameters import Parameter as Parameter
 from calibration.particle_codes.entry import export as export
 from calibration.particle_codes.report import Export as Export
-from calibration.studies.compare import Comparison as Comparison
-from calibration.studies.compare import compare as compare
 from calibration.studies.designs import optimal_velocities as optimal_velocities
 from calibration.studies.inputs import Inputs as Inputs
 from calibration.studies.inputs import of_law as of_law

@@ -43,10 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit, write, print; 0, or 1 where a law's fit did not converge."""
     import softjax as sj
+    from calibration.comparison import compare
     from calibration.plots.curves import comparison_figure
     from calibration.plots.style import draw
     from calibration.report.comparison import comparison_json, comparison_text
-    from calibration.studies.compare import compare
 
     laws = _laws(arguments)
     check_writable(arguments.out)

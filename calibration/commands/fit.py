@@ -73,8 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _fitted(arguments: argparse.Namespace, options: Mapping[str, Any], progress: Progress) -> Any:
     """The fit of the file's data, or of the paper's."""
     import softjax as sj
+    from calibration.fit_result import fit
     from calibration.fitting.posterior.draws import check_possible
-    from calibration.fitting.result import fit
     from calibration.paper import paper_materials
 
     sj.enable_x64()

@@ -16,8 +16,8 @@ from calibration.console import print_first
 from calibration.curves import Source
 from calibration.data.checks import as_number
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
+from calibration.fit_result import FitResult
 from calibration.fitting.laws import LAWS, sigma_of
-from calibration.fitting.result import FitResult
 from calibration.options import LAW_OPTIONS, route_named
 from calibration.paper import RADIUS, TABLE_1
 from calibration.parameters import Parameter

@@ -10,8 +10,8 @@ import jax
 import softjax as sj
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, listed
+from calibration.fit_result import FitResult
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.result import FitResult
 from calibration.output import check_writable, files_into, write_text
 from calibration.particle_codes.choice import choose
 from calibration.particle_codes.codes import BACKENDS, HEADER, PLUGINS

@@ -13,8 +13,8 @@ from jaxtyping import Float
 import softjax as sj
 from calibration.data.air import Fall
 from calibration.errors import DataError, printable
+from calibration.fit_result import FitResult
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.result import FitResult
 from softjax.many_body import elastic_limit, loading_work
 
 POINTS = 65  # velocities at which ε is compared, evenly in the logarithm

@@ -20,8 +20,8 @@ from calibration.data.checks import check_whole
 from calibration.data.json_file import plain
 from calibration.errors import DataError, listed
 from calibration.fitting.curves import yield_velocity
+from calibration.fitting.estimates import FitEstimates
 from calibration.fitting.laws import eps_up_of
-from calibration.fitting.result import FitResult
 from calibration.fitting.summary import chi_of, critical_velocity_of
 from calibration.studies.inputs import both_ends
 from calibration.studies.plans import (
@@ -266,7 +266,7 @@ class Search:
 
 
 def optimal_velocities(
-    law: sj.ContactLaw | FitResult,
+    law: sj.ContactLaw | FitEstimates,
     count: int | None,
     bounds: tuple[float, float],
     *,

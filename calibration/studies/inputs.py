@@ -18,9 +18,9 @@ import numpy as np
 
 import softjax as sj
 from calibration.errors import DataError, did_you_mean, listed
+from calibration.fitting.estimates import FitEstimates
 from calibration.fitting.laws import OF_CONTACT, eps_up_of, sigma_of
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.result import FitResult
 from softjax.fields import Declared, declarations, numbers_of, options_of, shared_fields
 
 VELOCITY = "velocity"
@@ -177,9 +177,9 @@ def of_law(law: sj.ContactLaw) -> Inputs:
     return Inputs(values, OfLaw(jax.tree.map(lambda leaf: np.asarray(leaf, float), law)))
 
 
-def as_inputs(inputs: Inputs | sj.ContactLaw | FitResult, material: str | None = None) -> Inputs:
+def as_inputs(inputs: Inputs | sj.ContactLaw | FitEstimates, material: str | None = None) -> Inputs:
     """Inputs as they are, or those of a law, or of the law of one of a fit's materials."""
-    if isinstance(inputs, FitResult):
+    if isinstance(inputs, FitEstimates):
         fit = inputs.material(material)
         return _as_fitted(of_law(fit.law), fit)
     if material is not None:

@@ -22,11 +22,11 @@ from calibration.data.json_file import plain
 from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, further_variances, like_measured
+from calibration.fitting.estimates import FitEstimates
 from calibration.fitting.laws import OF_CONTACT, eps_up_of, numbers_in
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.problem import DRAG, Element
 from calibration.fitting.request import Request
-from calibration.fitting.result import FitResult
 from calibration.observables import RESTITUTION
 from calibration.options import require_likelihood
 from calibration.parameters import Parameter, as_parameter
@@ -65,7 +65,7 @@ class Plan:
     before: Matrices
     uncertainty: Any
     route: Route
-    result: FitResult | None = None
+    result: FitEstimates | None = None
     of_inputs: Matrices | None = None
 
     @property
@@ -157,7 +157,7 @@ def plan_of(
         measured: velocities and uncertainties of ε of what is there already, for a law.
         The others are those of `fisher_information`.
     """
-    reach, is_fit = np.asarray(reach, float).ravel(), isinstance(law, FitResult)
+    reach, is_fit = np.asarray(reach, float).ravel(), isinstance(law, FitEstimates)
     if not is_fit and not isinstance(law, sj.ContactLaw):
         raise DataError("law", law, "a contact law or a FitResult")
     own = {"parameters": parameters, "measured": measured} if is_fit else {"material": material}
@@ -262,7 +262,7 @@ def _truth(law: Any, local: Element) -> Any:
     return float(value)
 
 
-def _of_fit(result: FitResult, name: str | None, reach: Column, route: Route) -> Plan:
+def _of_fit(result: FitEstimates, name: str | None, reach: Column, route: Route) -> Plan:
     material = result.material(name)
     require_likelihood(material.objective)
     low, high = material.known_from, material.known_to
@@ -439,7 +439,7 @@ def _unit(theta: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
 
 
 def fisher_information(
-    law: sj.ContactLaw | FitResult,
+    law: sj.ContactLaw | FitEstimates,
     velocity: ArrayLike = (),
     uncertainty: ArrayLike | None = None,
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
 import softjax as sj
-from calibration.fitting.result import FitResult
+from calibration.fitting.estimates import FitEstimates
 from calibration.studies.inputs import (
     VELOCITY,
     Inputs,
@@ -74,7 +74,7 @@ class Sensitivities:
 
 
 def sensitivity(
-    inputs: Inputs | sj.ContactLaw | FitResult,
+    inputs: Inputs | sj.ContactLaw | FitEstimates,
     velocity: Float[ArrayLike, "..."],
     route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
     *,

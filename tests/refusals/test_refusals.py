@@ -70,10 +70,12 @@ def test_arguments_of_public_names_have_the_defaults_that_are_recorded():
     called = {}
     for package, name in [(p, n) for p in (sj, cal) for n in p.__all__]:
         of = called[name] = getattr(package, name)
-        members = vars(of) if inspect.isclass(of) else ()
-        called |= {
-            f"{name}.{member}": getattr(of, member) for member in members if member[0] != "_"
-        }
+        bases = of.__mro__ if inspect.isclass(of) else ()
+        mine = [
+            base for base in bases if base.__module__.split(".")[0] in ("softjax", "calibration")
+        ]
+        members = {member for base in mine for member in vars(base) if member[0] != "_"}
+        called |= {f"{name}.{member}": getattr(of, member) for member in members}
     lines = []
     for name, of in called.items():
         is_class = inspect.isclass(of) and dataclasses.is_dataclass(of)
