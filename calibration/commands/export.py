@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--export-law", default="auto", metavar="NAME", help=text)
     text = "the contact force alone, without acoustic and thermal losses: rebounds of ε_p"
     add("--contact-force", dest="losses", action="store_false", help=text)
-    add("--prefix", default="softjax", help="of names in C, and of the law in LAMMPS")
-    text = "of atoms in LAMMPS (default: all)"
+    add("--prefix", default="softjax", help="of names in C, of the law in LAMMPS, and of files")
+    text = "of atoms in LAMMPS or LIGGGHTS (default: all)"
     add("--types", nargs=2, type=int, metavar=("I", "J"), help=text)
 
 

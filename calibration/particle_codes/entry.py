@@ -64,7 +64,8 @@ def export(
         losses: whether the losses of Eq. (17), which enter ε, are taken off the unloading force.
         prefix: of all names in C, and of the law in LAMMPS. Exports with several prefixes into one folder
             make one plugin with several laws.
-        types: the two types of atoms in LAMMPS between which the law acts; all where left out.
+        types: the two types of atoms in LAMMPS or LIGGGHTS between which the law acts; all where left out.
+            A wall of LIGGGHTS has the second one.
         below: the law of impacts slower than the range: "none", the law as it is, which may lose next to nothing
             there; or "hold", the ε of the lowest velocity, by a dashpot inside the largest overlap.
         sizes: radii [m] of the types of atoms 1, 2, … of the scene, all of this material: the tolerance
@@ -117,7 +118,7 @@ def _check(to: str, options: ExportOptions) -> None:
     gravity = options.gravity
     two = types is None or (len(types) == 2 and all(isinstance(t, int) and t > 0 for t in types))
     is_whole = steps is None or (type(steps) is int and steps >= 2)
-    named = prefix == "softjax" or to in ("c", "lammps")
+    named = prefix == "softjax" or to != "yade"
     for argument, good, accepted in (
         ("tolerance", 0 < options.tolerance < 1, "a number in (0, 1)"),
         ("steps", is_whole, "a whole number of 2 or more"),
@@ -125,7 +126,7 @@ def _check(to: str, options: ExportOptions) -> None:
         ("prefix", re.fullmatch("[a-z][a-z0-9_]*", prefix), "a name in C, of small letters"),
         ("below", options.below in ("none", "hold"), "none or hold"),
         ("types", not (types and options.sizes), "left out with sizes, of types 1, 2, …"),
-        ("types", types is None or to == "lammps", f"left out with {to}"),
+        ("types", types is None or to in ("lammps", "liggghts"), f"left out with {to}"),
         ("types", two, "two types of atoms, such as 1 2"),
         ("gravity", gravity is None or 0 <= gravity < math.inf, "an acceleration in m/s², or 0"),
         ("radius", radius is None or 0 < radius < math.inf, "a positive length in m"),

@@ -214,6 +214,8 @@ def test_below_the_range_the_restitution_of_its_end_is_held(name, exported):
     slow, *fast = np.asarray(hit.coefficient)[-4:-1]
     off = code.largest_error(velocity, slow, made.time_step, np.arange(8) / 8)
     assert 0.6 * made.choice.hold_error < off < made.choice.hold_error < 0.03
+    end = code.largest_error(np.array([0.1]), slow, made.time_step, np.arange(48) / 48)
+    assert end <= made.choice.error + made.choice.steps.error  # the range has its end
     assert code.largest_error(velocity, slow, made.time_step / 100) < 6e-3
     assert code.largest_error(np.array([0.2, 3.0]), fast, made.time_step / 10) < 2e-4
     within = f"within {made.choice.hold_error:.2g} at this time step"

@@ -78,6 +78,15 @@ def in_lammps(folder, impacts, wall, steps) -> np.ndarray:
     return rebounds((of(v, ["include in.softjax"], steps, gap=gap) for v, gap in impacts), folder)
 
 
+def liggghts(folder, text: str) -> str:
+    """What a script prints; empty where it ended well."""
+    (folder / "in.matrix").write_text(text, encoding="utf-8")
+    environment = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
+    command = ["liggghts", "-in", "in.matrix", "-log", "none"]
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True)
+    return (ended.stdout + ended.stderr).decode(errors="replace") if ended.returncode else ""
+
+
 def in_liggghts(folder, impacts, wall, steps) -> np.ndarray:
     atoms, motions = [], []
     for k, (v, gap) in enumerate(impacts):
@@ -91,12 +100,7 @@ def in_liggghts(folder, impacts, wall, steps) -> np.ndarray:
             motions += [f"velocity one set {vx!r} 0 {vz!r} units box", "group one delete"]
     sizes = {"diameter": 2 * RADIUS, "density": DENSITY, "width": len(impacts) * 4 * RADIUS}
     lines = {"atoms": "\n".join(atoms), "motions": "\n".join(motions), "steps": steps}
-    text = LIGGGHTS.format(**sizes, **lines)
-    (folder / "in.matrix").write_text(text, encoding="utf-8")
-    environment = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
-    command = ["liggghts", "-in", "in.matrix", "-log", "none"]
-    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True)
-    assert ended.returncode == 0, (ended.stdout + ended.stderr)[-1500:]
+    assert liggghts(folder, LIGGGHTS.format(**sizes, **lines))[-1500:] == ""
     _, vx, vz = np.loadtxt(folder / f"out.{steps}", skiprows=9).T
     return restitution(vz if wall else vx, impacts, wall)
 
@@ -161,6 +165,61 @@ def test_what_is_written_keeps_its_promise(code, law, wall, tmp_path):
     given, expected = made.choice.impacts.coefficient[some], made.target.restitution[some]
     assert np.max(np.abs(found - given[:, None])) <= made.choice.steps.error + 1e-4
     assert np.max(np.abs(found - expected[:, None])) <= made.choice.total + 1e-4 <= 0.0801
+
+
+BALLS, PLATE = {"types": (1, 1), "prefix": "balls"}, {"types": (1, 2), "prefix": "plate"}
+HERTZ = {"law": "hertz-dashpot"}
+SOFT = sj.Contact.with_wall(sj.NYLON, wall=sj.NYLON, radius=RADIUS)
+TOGETHER = {  # files by their contact and options, in the order in which they are included, and what is said
+    "balls and a plate": ([(None, BALLS), (WALL, PLATE)], ""),
+    "a plate and balls": ([(WALL, PLATE), (None, BALLS)], ""),
+    "by Hertz": ([(WALL, PLATE | HERTZ), (None, BALLS | HERTZ)], ""),
+    "the same types": ([(None, BALLS), (WALL, PLATE | {"types": (1, 1)})], "Reuse of compute ID"),
+    "all first": ([(None, {}), (WALL, PLATE)], "Reuse of compute ID"),
+    "all last": ([(WALL, PLATE), (None, {})], "Reuse of compute ID"),
+    "all twice": ([(None, {}), (WALL, {"prefix": "plate"})], "Reuse of compute ID"),
+    "another model": ([(None, BALLS), (WALL, PLATE | HERTZ)], "softjax: other model than"),
+    "other bodies": ([(None, BALLS | HERTZ), (SOFT, PLATE | HERTZ)], "softjax: other bodies than"),
+}
+
+
+@pytest.mark.codes
+@MARKS["liggghts"][0]
+@pytest.mark.parametrize("case", TOGETHER)
+def test_files_of_liggghts_go_together_or_say_why_not(case, tmp_path):
+    """Balls of 0.9 and a plate of 0.5, of one file a pair of types: the second file acted for both."""
+    files, said = TOGETHER[case]
+    lines, errors = [], {}
+    for contact, options in files:
+        law = sj.ConstantRestitution(contact or STEEL.contact, 0.5 if contact else 0.9)
+        settings = {"law": "linear", "velocity_range": (0.1, 5.0), "tolerance": 0.02} | options
+        on_wall = contact is not None
+        made = cal.export(law, "liggghts", tmp_path, **settings, gravity=0.0, on_wall=on_wall)
+        lines.append(f"include {made.files[0]}")
+        errors[law.restitution] = made.choice.total + 1e-4
+    steps = math.ceil(2 * max(made.duration) / made.time_step)
+    places = [(-RADIUS - 1e-7, 3 * RADIUS), (RADIUS + 1e-7, 3 * RADIUS), (0.0, RADIUS + 1e-7)]
+    speeds = [(0.5, 0.0), (-0.5, 0.0), (0.0, -1.0)]
+    atoms = "\n".join(f"create_atoms 1 single {x!r} 0 {z!r} units box" for x, z in places)
+    motions = [
+        f"group g{k} id {k}\nvelocity g{k} set {vx} 0 {vz} units box"
+        for k, (vx, vz) in enumerate(speeds, 1)
+    ]
+    scene = LIGGGHTS.replace("create_box 1", "create_box 2").replace(
+        "include in.softjax", "\n".join(["variable softjax_types index 2", *lines])
+    )
+    numbers = {"diameter": 2 * RADIUS, "density": DENSITY, "width": 0.1, "steps": steps}
+    text = scene.format(**numbers, atoms=atoms, motions="\n".join(motions))
+    # of a scene before
+    out = liggghts(tmp_path, text + "clear" + text.replace("out.", "again."))
+    if said:
+        assert said in out
+        return
+    assert out[-1500:] == ""
+    for name in ("out", "again"):
+        _, vx, vz = np.loadtxt(tmp_path / f"{name}.{steps}", skiprows=9).T
+        assert abs(vx[1] - vx[0] - 0.9) <= errors[0.9]
+        assert abs(vz[2] - 0.5) <= errors[0.5]
 
 
 FOLLOWED = """

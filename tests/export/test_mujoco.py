@@ -4,6 +4,7 @@ import importlib.util
 import math
 import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ pytestmark = pytest.mark.skipif(
     "SOFTJAX_TEST_EXTRAS" not in os.environ and importlib.util.find_spec("mujoco") is None,
     reason="no MuJoCo: pip install softjax-contact[export-test]",
 )
+PAGES = Path(__file__).parents[2] / "notebooks" / "reference"
 WALL = sj.Contact.with_wall(sj.STAINLESS_STEEL, wall=sj.STAINLESS_STEEL, radius=RADIUS)
 BALL = f'<freejoint/><geom type="sphere" size="{RADIUS}" density="{DENSITY}"/>'
 OTHER = {
@@ -25,7 +27,7 @@ OTHER = {
 }
 SCENE = """<mujoco>
 <option timestep="{step!r}" gravity="0 0 0" integrator="Euler"/>
-<default><geom condim="1" solref="{solref}" solimp="0.9999 0.9999 0.001"/></default>
+<default><geom {settings}/></default>
 <worldbody>{other}<body pos="0 0 {height!r}">{ball}</body></worldbody>
 </mujoco>"""
 
@@ -42,12 +44,17 @@ def test_solref_of_the_header_gives_the_stated_restitution(other, tmp_path):
     pattern = r"define SOFTJAX_(STIFFNESS|DAMPING) \(\(softjax_real\)(\S+?)\)"
     found = {name: float(value) for name, value in re.findall(pattern, text)}
     rate = math.sqrt(found["STIFFNESS"] / float(contact.mass))  # √(K/M) [1/s]
-    solref = f"{-(rate**2)!r} {-2 * found['DAMPING'] * rate!r}"
+    page = (PAGES / "particle_codes.md").read_text(encoding="utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith("| MuJoCo |"))
+    settings = dict(re.findall(r'`(\w+) = "(.*?)"`', row))
+    assert settings["solref"] == "-K/M -2ξ√(K/M)"
+    settings["solref"] = f"{-(rate**2)!r} {-2 * found['DAMPING'] * rate!r}"
+    of_geoms = " ".join(f'{name}="{value}"' for name, value in settings.items())
     obtained = []
     for phase in (np.arange(8) / 8).tolist():
         for velocity in (0.1, 5.0):
             gap = (phase + 0.01) * velocity * made.time_step
-            numbers = {"step": made.time_step, "solref": solref, "height": RADIUS + gap}
+            numbers = {"step": made.time_step, "settings": of_geoms, "height": RADIUS + gap}
             scene = SCENE.format(other=OTHER[other], ball=BALL, **numbers)
             model = mujoco.MjModel.from_xml_string(scene)
             state = mujoco.MjData(model)
