@@ -148,6 +148,7 @@ class FitRecord(Strict):
     standardised: tuple[Real, ...]
     deviations: tuple[Real, ...] = ()
     weights: tuple[Real, ...] = ()
+    residuals: tuple[Real, ...]
     residual_degrees: NotNegative
     group_offsets: dict[str, tuple[Real, NotNegative | None]] = Field(default_factory=dict)
     chi_squared_probability: float | None

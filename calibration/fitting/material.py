@@ -141,6 +141,7 @@ class Goodness:
         deviations: standard deviations of the values as the fit has them, of each point; relative but
             for ε.
         weights: in the fit, over that of a point on the curve, of each point; empty where all are 1.
+        residuals: fitted less measured values, of each point; relative but for ε.
         residual_degrees: degrees of freedom of the residuals.
         group_offsets: by label of the group its predicted offset and the standard error of that, None
             under `two-step`; the largest first. Empty without groups; relative but for ε.
@@ -156,6 +157,7 @@ class Goodness:
     standardised: tuple[float, ...] = field(default=(), repr=False)
     deviations: tuple[float, ...] = field(default=(), repr=False)
     weights: tuple[float, ...] = field(default=(), repr=False)
+    residuals: tuple[float, ...] = field(default=(), repr=False)
     residual_degrees: float = 0.0
     group_offsets: Mapping[str, tuple[float, float | None]] = field(default_factory=dict)
 

@@ -247,6 +247,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
         standardised=tuple(map(float, standardised)),
         deviations=tuple(map(float, deviation)),
         weights=() if errors.noise.is_least_squares else tuple(map(float, weight)),
+        residuals=tuple(map(float, residual)),
         residual_degrees=residual_dof,
         group_offsets=offsets,
     )

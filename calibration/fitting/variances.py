@@ -94,6 +94,8 @@ def estimated(
     before: Mapping[str, Any] | None = None,
 ) -> Estimated:
     """The variances of the largest (restricted) likelihood, (fits,) each; searched from `before`."""
+    if errors.is_plain and errors.noise.is_least_squares and block.gradient is None:
+        return {"scatter": _scatter(_with_own_parameters(block), restricted)}
     search = _Search(errors, block, restricted)
     known = before is not None and set(errors.unknown) <= set(before)
     starts = [search.place(before, most=0.0)] if known else search.starts()
@@ -104,6 +106,47 @@ def estimated(
     values = np.array([search.value(y) for y in ends])
     best = np.array(ends)[np.argmin(values, axis=0), np.arange(len(block.residual))]
     return search.variances(best)
+
+
+def _scatter(block: BlockResiduals, restricted: bool) -> np.ndarray:
+    """s of the largest (restricted) likelihood where V = s 1, (fits,).
+
+    In directions that are orthonormal to A₀ + JᵀJ/s₀, of which the points have the share e, with x = s₀/s,
+
+        d(-2 ln L_R)/d(ln s) = n - x Σ r²/s₀ - Σ e x/(1 - e + e x),
+
+    which falls with x and bends upwards: Newton's steps from the left never pass its zero.
+    """
+    weight, square = block.weight, block.square
+    count = np.sum(weight, axis=1)
+    squares = np.sum(weight * block.residual**2, axis=1) / square
+    shares = np.zeros((len(square), 0))
+    if restricted and block.jacobian.shape[2]:
+        size, free = block.sizes, block.free
+        jacobian = block.jacobian * (weight[..., None] / np.sqrt(square)[:, None, None])
+        of_points = np.swapaxes(jacobian, 1, 2) @ jacobian
+        both = size[:, :, None] * size[:, None]
+        where = free[:, :, None] & free[:, None]
+        of_points, of_all = (
+            np.where(where, a / both, 0.0) for a in (of_points, block.information + of_points)
+        )
+        values, vectors = np.linalg.eigh(of_all)
+        seen = values > RIDGE * np.max(values, axis=1, keepdims=True)
+        scale = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
+        root = vectors * scale[:, None]
+        inner = np.swapaxes(root, 1, 2) @ of_points @ root
+        shares = np.clip(np.linalg.eigvalsh(inner), 0.0, 1.0)
+    ends = 1 / MOST, 1 / LEAST
+    x = np.clip((count - np.sum(shares, axis=1)) / np.maximum(squares, 1e-300), ends[0], 1.0)
+    for _ in range(ROUNDS):
+        left = 1 - shares + shares * x[:, None]
+        value = count - squares * x - np.sum(shares * x[:, None] / left, axis=1)
+        slope = -squares - np.sum(shares * (1 - shares) / left**2, axis=1)
+        step = np.clip(x - value / np.minimum(slope, -1e-300), *ends) - x
+        x = x + step
+        if np.all(np.abs(step) <= 1e-14 * x):
+            break
+    return square / x
 
 
 def relative_covariance(errors: Errors, s: Mapping[str, Any], block: BlockResiduals):

@@ -8,6 +8,7 @@ Another end of a search counts as another minimum where a value is outside its i
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 from scipy import special
@@ -36,6 +37,7 @@ SHARE_OF_NOISE = 1 / 3  # from which on a jump of ε is one to speak of
 BESIDE = 1e-9  # of the critical velocity, on both sides of which ε is compared
 MOST_NAMED = 8
 NEAR_YIELD = 2.0  # standard uncertainties of a velocity around the kink at first yield
+BLOCK, FEW = 16, 1024  # impacts in the smallest compiled program; up to so many it computes all
 LARGE_OVERLAP = 0.1  # of the effective radius: no small contact
 FEWEST_GROUPS = 4  # of which one may be far from the others
 FEWEST_POINTS = 10  # that show a trend
@@ -344,12 +346,20 @@ def _overlap(part: MaterialFit) -> str | None:
     plastic = v * np.sqrt(mass / (2 * np.pi * radius * strength))
     if np.max(np.maximum(elastic, plastic) / radius) < 0.5 * LARGE_OVERLAP:
         return None
-    share = np.asarray(sj.restitution(part.law, v).peak_overlap) / radius
+    share = _peak_overlap(part.law, v) / radius
     if not np.any(share > LARGE_OVERLAP):
         return None
     first = float(np.min(v[share > LARGE_OVERLAP]))
     most = f"up to {100 * np.nanmax(share):.2g} % of the effective radius"
     return f"the overlap is {most}, beyond {100 * LARGE_OVERLAP:g} % from {first:.3g} m/s on"
+
+
+def _peak_overlap(law: sj.ContactLaw, velocity: Column) -> Column:
+    """δ_max of each impact; in blocks, so that data sets of any length share a compiled program."""
+    if len(velocity) > FEW or any(np.ndim(leaf) for leaf in jax.tree.leaves(law)):
+        return np.asarray(sj.restitution(law, velocity).peak_overlap)
+    blocks = np.array_split(velocity, range(BLOCK, len(velocity), BLOCK))
+    return np.concatenate([np.asarray(sj.restitution(law, v).peak_overlap) for v in blocks])
 
 
 def _of_restitution(part: MaterialFit, residual, errors: Errors) -> list[FitWarning]:

@@ -333,7 +333,6 @@ def points_table(result: Any) -> pd.DataFrame:
         rows = np.flatnonzero(np.isfinite(data.restitution))
         if not len(rows):
             continue
-        fitted = result.band(data.velocity, fit.name).coefficient[rows]
         lines = () if data.origin is None else data.origin.lines
         places = np.array(lines)[rows] if len(lines) == len(data.velocity) else rows + 1
         columns = {
@@ -342,7 +341,7 @@ def points_table(result: Any) -> pd.DataFrame:
             "velocity [m/s]": data.velocity[rows],
             "restitution": data.restitution[rows],
             "uncertainty": fit.deviations or np.nan,
-            "residual": data.restitution[rows] - fitted,
+            "residual": -np.array(fit.residuals),
             "weight": fit.weights or 1.0,
             "group": "" if data.group is None else np.asarray(data.group)[rows],
         }
