@@ -1,5 +1,6 @@
 """Numbers that carry their unit: converted where pint can."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -20,12 +21,10 @@ def in_unit(value: Any, unit: str) -> Any:
         import pint  # where somebody has quantities
     except ImportError:
         return value  # for the check to name
+    of = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", str(stated or ""))  # astropy's powers: g / cm3
     try:
-        size = (
-            pint.UnitRegistry().Quantity(1.0, str(stated or "")).m_as("" if unit == "-" else unit)
-        )
-        return (
-            np.ma.asarray(plain) * size if np.ma.isMaskedArray(plain) else np.asarray(plain) * size
-        )
+        size = pint.UnitRegistry().Quantity(1.0, of).m_as("" if unit == "-" else unit)
+        numbers, mask = np.asarray(plain) * size, np.ma.getmask(plain)
+        return np.ma.array(numbers, mask=mask) if np.any(mask) else numbers
     except (TypeError, ValueError, pint.errors.PintError):
         return value

@@ -75,7 +75,7 @@ class RestitutionData:
     With ε, or in its place, what else an impact shows, `contact_time=` and the others of `measured`.
 
     Arrays may be anything that `np.asarray` takes (a frame's columns too); they are stored as
-    read-only float64 arrays. Rows that `numpy.ma` masks are left out; what has a unit (pint's) is converted.
+    read-only float64 arrays. Rows that `numpy.ma` masks are left out; what has a unit (pint's, astropy's) is converted.
     Two sets are equal when all that is below is but `bodies`, `fall`, `tracks` and `origin`.
 
     Attributes:
