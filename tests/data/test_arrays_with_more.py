@@ -79,5 +79,5 @@ def test_quantities_whose_unit_is_an_attribute_of_that_name_are_converted_or_ref
     for unit in ("kg", "furlongs of"):
         with pytest.raises(ValueError, match="`velocity` must be a finite impact velocity"):
             sj.restitution(SPHERES, Quantity(1.0, unit))
-        with pytest.raises(ValueError, match="`velocity` must be .*without a unit of their own"):
+        with pytest.raises(ValueError, match=r"`velocity` must be .*without a unit of their own"):
             cal.RestitutionData(Quantity(np.ones(5), unit), 0.9 * np.ones(5))
