@@ -31,7 +31,7 @@ DONE, UNUSABLE, NOT_WRITTEN, INTERNAL, INTERRUPTED = 0, 2, 3, 70, 130
 STREAM = {errno.EBADF, errno.EIO, errno.EFBIG, errno.ENOSPC, errno.EDQUOT}
 CACHE_SIZE = 256 * 1024**2  # bytes; beyond, JAX removes what was used longest ago
 # options by the arguments of functions that they become
-OPTIONS = {"velocity_range": "range", "count": "shots"}
+OPTIONS = {"velocity_range": "range", "count": "shots", "result_or_law": "law"}
 CODES = """exit codes:
   0  done
   1  a fit did not converge; its results are written, and marked

@@ -41,6 +41,7 @@ LAWS = (
     "eq-17",
 )
 KINDS_OF_LAW = f"a name ({listed(LAWS)}), a class of contact laws, or a function that builds one"
+OWN_LAW = "FILE.py:NAME is your own, whose code runs"
 ROUTES = {"ode": "ODE", "energy balance": "EnergyBalance", "closed form": "ClosedForm"}
 OBJECTIVES = ("model", "two-step")
 VALUES_ALONE = "intervals come from `model`: `two-step` gives values alone"
@@ -223,7 +224,7 @@ def add_options(parser: Any, names: Iterable[str] = tuple(FitOptions.model_field
     for name in names:
         field = FitOptions.model_fields[name]
         help = (field.description or "").replace("%", "%%")
-        help += "; FILE.py:NAME is your own, whose code runs" * (name == "law")
+        help += f"; {OWN_LAW}" * (name == "law")
         if field.annotation is bool:
             keywords: dict[str, Any] = {"action": "store_const", "const": not field.default}
             help = f"no {help}" if field.default else help
@@ -314,6 +315,12 @@ def law_of_file(text: str) -> Any:
         accepted = f"one of {listed(names) or 'a class of a contact law'}"
         raise InputError(path, None, f"no {name!r}", f"{accepted}{did_you_mean(name, names)}")
     return getattr(module, name)
+
+
+def add_law_option(add: Callable[..., Any], default: str) -> None:
+    """`--law` of a command: a built-in law, or one of the user's own."""
+    text = f"default: {default}; {OWN_LAW}"
+    add("--law", type=partial(_parsed, "law"), metavar=f"{{{','.join(LAWS)}}}", help=text)
 
 
 def _parsed(name: str, text: str) -> Any:

@@ -17,7 +17,8 @@ from calibration.curves import Source
 from calibration.data.checks import as_number
 from calibration.errors import DataError, InputError, Origin, did_you_mean, listed, printable
 from calibration.fit_result import FitResult
-from calibration.fitting.laws import LAWS, sigma_of
+from calibration.fitting.laws import LAWS, law_name, sigma_of
+from calibration.fitting.request import model_of_class
 from calibration.options import LAW_OPTIONS, route_named
 from calibration.paper import RADIUS, TABLE_1
 from calibration.parameters import Parameter
@@ -40,11 +41,14 @@ def read_source(arguments: argparse.Namespace) -> Source:
         left_out = ("fit", "posterior", "eps_up", "set", "restitution", "at", *OF_LAW)
         why = "with --line, whose law is Zhou's as it was fitted"
     elif arguments.fit is not None:
-        left_out = ("eps_up", "set", "restitution", "at", *OF_LAW)
+        is_own = callable(arguments.law)  # which no file contains
+        left_out = ("eps_up", "set", "restitution", "at", "area", *["law"] * (not is_own))
         why = "with --fit, whose law is the fitted one"
     else:
         left_out = ("posterior", *["material"] * (not is_file))
         why = "without --fit or --line" + " or a file" * (not is_file)
+    if not hasattr(arguments, "restitution"):  # other commands have another --at
+        left_out = tuple(name for name in left_out if name != "at")
     for name in left_out:
         if getattr(arguments, name, None) not in (None, []):
             raise DataError(f"--{name.replace('_', '-')}", "given", f"left out {why}")
@@ -163,10 +167,13 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
     if None not in (arguments.source, arguments.material):
         raise DataError("MATERIAL", arguments.source, "left out with --fit and --material")
     try:
-        result = FitResult.load(arguments.fit)
+        result = FitResult.load(arguments.fit, arguments.law)
     except DataError as error:  # a user's law, which no file contains
-        accepted = "a fit.json of a built-in law is needed"
-        raise InputError(arguments.fit, None, str(error), accepted) from None
+        problem = f"is a fit of {str(error.value).partition(',')[0]}, which is no built-in law"
+        accepted = "give --law FILE.py:NAME, where that law is"
+        raise InputError(arguments.fit, None, problem, accepted) from None
+    if callable(arguments.law) and all(fit.model.key in LAWS for fit in result.materials):
+        raise DataError("--law", law_name(arguments.law), "left out with a fit of a built-in law")
     names = [material.name for material in result.materials]
     name = arguments.source if arguments.material is None else arguments.material
     plain = name if name is None or name in names else name.replace("-", " ")
@@ -227,7 +234,7 @@ def _bodies(pair: Sequence[Any]) -> tuple[str, dict[str, float] | None]:
 
 def _law(
     arguments: argparse.Namespace,
-    name: str,
+    name: Any,
     contact: sj.Contact,
     known: Mapping[str, Any],
     free: Mapping[str, Parameter] = MappingProxyType({}),
@@ -236,18 +243,15 @@ def _law(
 
     Parameters that a file leaves `free` are refused: neither a start nor a default is their value.
     """
-    fields = {field.name: field for field in dataclasses.fields(LAWS[name])}
     available = {"contact": contact, "limit_velocity": contact.limit_velocity} | dict(known)
+    if callable(name):
+        return _own_law(arguments, name, contact, available, free)
+    fields = {field.name: field for field in dataclasses.fields(LAWS[name])}
     values = {field: value for field, value in available.items() if field in fields}
     stated = _stated(arguments)
     _check_names(stated, [field for field in fields if field != "contact"], f"a field of {name}")
     values |= stated
-    for field, parameter in free.items():
-        if field in fields and field not in stated:
-            problem = f"{field} is free" + ", and its value a start" * (parameter.value is not None)
-            accepted = f"give --set {field}=X, fix it by a plain number, or read its fit by --fit"
-            place = parameter.origin or Origin("")  # a file's parameters have one
-            raise InputError(place.file, place.line, problem, accepted)
+    _refuse_free({n: p for n, p in free.items() if n in fields and n not in stated})
     measured: tuple[Any, Any] = (None, None)
     if hasattr(arguments, "restitution"):  # other commands have another --at
         measured = arguments.restitution, arguments.at
@@ -273,6 +277,40 @@ def _law(
     if not by_eps_up:
         return law
     return dataclasses.replace(law, sigma=float(sigma_of(contact, eps_up, law.psi)))
+
+
+def _refuse_free(parameters: Mapping[str, Parameter]) -> None:
+    for name, parameter in parameters.items():
+        problem = f"{name} is free" + ", and its value a start" * (parameter.value is not None)
+        accepted = f"give --set {name}=X, fix it by a plain number, or read its fit by --fit"
+        place = parameter.origin or Origin("")  # a file's parameters have one
+        raise InputError(place.file, place.line, problem, accepted)
+
+
+def _own_law(
+    arguments: argparse.Namespace,
+    law: Any,
+    contact: sj.Contact,
+    available: Mapping[str, Any],
+    free: Mapping[str, Parameter],
+) -> sj.ContactLaw:
+    """A law of the user's own, its parameters as of `_law`."""
+    for option in ("restitution", "eps_up"):
+        if getattr(arguments, option, None) is not None:
+            raise DataError(f"--{option.replace('_', '-')}", "given", "left out with your own law")
+    stated = _stated(arguments)
+    options = {name: value for name, value in stated.items() if isinstance(value, str)}
+    model = model_of_class(law, contact, options)
+    names = [*model.parameters]
+    _check_names(stated, [*names, *model.options], f"a parameter of {model.key}")
+    _refuse_free({n: p for n, p in free.items() if n in names and n not in stated})
+    values = {name: available[name] for name in names if name in available} | stated
+    values = {name: values[name] for name in names if name in values}
+    needed = [name for name in names if name not in values and name not in model.defaults]
+    if needed:
+        accepted = f"given with --set {' '.join(f'{name}=…' for name in needed)}"
+        raise DataError("--law", model.key, f"{accepted}, or fitted first and read by --fit")
+    return model.law(contact, values)
 
 
 def _dissipation_time(contact: sj.Contact, restitution: Any, velocity: Any) -> float:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.errors import InputError
-from calibration.options import LAWS, ROUTES
+from calibration.options import ROUTES, add_law_option
 
 TABLES = (".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods")
 
@@ -24,7 +24,7 @@ def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = Fals
     add("--eps-up", type=float, metavar="X", help=text)
     add("--material", metavar="NAME", help="which one of a file's or a fit's")
     add("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
-    add("--law", choices=LAWS, help="default: that of the file, else zhou")
+    add_law_option(add, "that of the file, else zhou")
     text = "parameters of the law and its variants: chi=0.2 sigma=0.4 psi=0.5 form=full"
     add("--set", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help=text)
 

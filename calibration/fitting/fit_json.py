@@ -297,7 +297,10 @@ def read_result(path: str | Path, law: Any = None) -> dict[str, Any]:
             raise
         raise _no_result(path, error) from None
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise InputError(path, None, f"is no result of a fit ({shown(str(error))})", OWN) from None
+        of = "" if law is None else f" of {law_name(law)}"
+        raise InputError(
+            path, None, f"is no result of a fit{of} ({shown(str(error))})", OWN
+        ) from None
 
 
 def _refusal(path: str | Path, error: ValidationError) -> InputError:

@@ -215,13 +215,22 @@ def law_model(data: RestitutionData | None, law, options, named) -> LawModel:
     law = LAWS[law] if isinstance(law, str) else law
     if law is sj.Zhou:
         return zhou_model([name for name in named if name in EXTRA], options)
+    return model_of_class(law, None if data is None else data.contact, options)
+
+
+def model_of_class(law: Any, contact: sj.Contact | None, options: Mapping[str, Any]) -> LawModel:
+    """A class of laws, or a function that builds one, as a fit sees it.
+
+    Raises:
+        ValueError: where it is none, or has the name of a built-in law.
+    """
     key = law_name(law)
     assert key is not None
     if key in LAWS and LAWS[key] is not law:
         raise DataError("law", f"your own {key!r}", "named otherwise than the built-in laws")
     if isinstance(law, type) and not issubclass(law, sj.ContactLaw):
         raise DataError("law", law, KINDS_OF_LAW)
-    return model_of(law, key, None if data is None else data.contact, options)
+    return model_of(law, key, contact, options)
 
 
 def _check_law(data: RestitutionData, model: LawModel, objective: str, noise: str) -> None:

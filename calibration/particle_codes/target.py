@@ -97,7 +97,9 @@ def target_of(source: FitResult | MaterialFit | sj.ContactLaw, options: ExportOp
         raise DataError("result_or_law", law, "a FitResult, a MaterialFit or a contact law")
     contact = getattr(law, "contact", None) or (fit.data.contact if fit else None)
     if contact is None:
-        accepted = "one with a contact: a code needs elastic properties and sizes of the bodies"
+        accepted = (
+            "a law with a field `contact`: a code needs elastic properties and sizes of the bodies"
+        )
         raise DataError("result_or_law", type(law).__name__, accepted)
     if any(np.size(leaf) != 1 for leaf in jax.tree.leaves((law, contact))):
         raise DataError("result_or_law", "a law of several pairs of bodies", "a law of one pair")

@@ -89,6 +89,8 @@ def _lines(block: Block) -> list[str]:
     if kind == "table":
         return [table_text(value)]
     if kind in ("list", "warnings"):
+        if not value:
+            return []
         texts = [e if isinstance(e, str) else f"{e[0]}{e[1]} {e[2]}".rstrip() for e in value]
         mark = "  ! " if kind == "warnings" else "  "
         lines = console.wrapped(map(printable, texts), mark, "    ")

@@ -227,3 +227,107 @@ def test_a_law_of_ones_own_is_fitted_where_the_command_line_names_its_file(tmp_p
         assert (code, blamed in error) == (2, True), error
     file = write_alloy(tmp_path, f'law = "{law}:Decay"')  # a file makes no code run
     assert run("fit", file, *words)[0] == 2
+
+
+OWN = f"{Path(__file__).parents[1] / 'decay.py'}:Decay"
+FEW = ("--from", 1, "--to", 4, "--points", 4)
+
+
+def local(folder):
+    table = json.loads((folder / "sensitivity.json").read_text("utf-8"))["local"]
+    return table["theta_d_epsilon_d_theta"]
+
+
+def test_a_law_of_ones_own_is_taken_by_the_other_commands(at):
+    """ε = a e^{-bv} by NumPy; a fit of it, which a file does not contain, with the law that is named again."""
+    both = ("level=0.9", "rate=0.05")
+    v = np.linspace(1, 4, 4)
+    assert run("curve", "nylon", "--law", OWN, "--set", *both, *FEW, "--spacing", "lin")[0] == 0
+    written = np.loadtxt("results/curve.csv", delimiter=",", skiprows=1, usecols=(0, 1))
+    np.testing.assert_allclose(written, np.stack([v, 0.9 * np.exp(-0.05 * v)], 1), rtol=1e-12)
+    file = write_alloy(at, "profiles = false", "level = 0.9\nrate = { value = 0.05 }")
+    command = ("sensitivity", file, "--law", OWN, "--at", 2, *FEW)
+    code, _, error = run(*command)
+    assert (code, "rate is free" in error) == (2, True)
+    assert run(*command, "--set", "rate=0.05")[0] == 0
+    of = local(at / "results")
+    e = 0.9 * np.exp(-0.1)
+    found = [of[name][0] for name in ("level", "rate", "velocity")]
+    np.testing.assert_allclose(found, [e, -0.1 * e, -0.1 * e], rtol=1e-9)
+    assert run("fit", file, "--law", OWN)[0] == 0
+    fit, again = cal.FitResult.load("results/fit.json", law=Decay), ("--fit", "results/fit.json")
+    code, _, error = run("curve", *again, *FEW)
+    assert (code, "is a fit of Decay, which is no built-in law; give --law" in error) == (2, True)
+    assert run("curve", *again, "--law", OWN, *FEW, "--spacing", "lin")[0] == 0
+    written = np.loadtxt("results/curve.csv", delimiter=",", skiprows=1, usecols=(1, 2))
+    band = fit.band(v)
+    np.testing.assert_allclose(written, np.stack([band.coefficient, band.low], 1), rtol=1e-9)
+    assert run("sensitivity", *again, "--law", OWN, "--at", 2, *FEW)[0] == 0
+    slope = -2 * fit.values["rate"] * fit.band(np.array([2.0])).coefficient[0]
+    assert local(at / "results")["rate"][0] == pytest.approx(slope, rel=1e-9)
+    code, out, _ = run("compare", file, "--laws", f"constant,{OWN}", "--json")
+    laws = {entry["law"]: entry for entry in json.loads(out)["comparisons"][0]["ranking"]}
+    assert (code, {*laws}) == (0, {"constant", "Decay"})
+    assert laws["Decay"]["parameters"]["level"]["value"] == 0.9  # which the file fixes
+
+
+SOFT = """
+import softjax as sj
+
+def soft(contact, softness):
+    return sj.HertzDashpot(contact, 1 - softness)
+
+class Plastic(sj.RateIndependentLaw):
+    contact: sj.Contact
+    force: float
+
+    def loading_force(self, overlap):
+        return self.force * overlap
+
+    def unloading_force(self, overlap, peak_overlap):
+        return self.force * (2 * overlap - peak_overlap)
+"""
+
+
+def test_a_law_of_ones_own_is_exported_as_far_as_a_code_can_express_it(at):
+    """ε = √½ of springs of k and 2 k; a code without source of the user's takes the nearest law of its own."""
+    (at / "soft.py").write_text(SOFT, "utf-8")
+    export = ("export", "nylon", "--law", "soft.py:Plastic", "--set", "force=1e5", "--range", "1:2")
+    code, _, error = run(*export, "--to", "liggghts", "--export-law", "exact")
+    assert (code, "must be auto, linear, hertz-dashpot, " in error) == (2, True)
+    for to, chosen in (("c", "exact"), ("liggghts", "linear")):
+        assert run(*export, "--to", to, "--export-law", chosen, "--tolerance", 0.05)[0] == 0
+        written = json.loads((at / "results/export.json").read_text("utf-8"))
+        assert {"law": "Plastic", "force": 1e5}.items() <= written["requested"].items()
+        assert written["law"] == chosen
+    assert written["error_of_law"] < 1e-9  # a constant ε
+    np.testing.assert_allclose(written["curve"]["requested"], 0.5**0.5, rtol=1e-9)
+    few = ("--set", "softness=0.2", *FEW)
+    assert run("curve", "nylon", "--law", "soft.py:soft", *few)[0] == 0
+    written = np.loadtxt("results/curve.csv", delimiter=",", skiprows=1, usecols=1)
+    np.testing.assert_allclose(written, 0.8, rtol=1e-9)
+
+
+def test_where_a_law_of_ones_own_is_of_no_use_a_line_says_so(at, above_yield):
+    refused = {
+        ("curve", "nylon", "--law", OWN): "--set level=… rate=…",
+        ("curve", "nylon", "--law", OWN, "--set", "level=1", "rat=2"): "did you mean 'rate'?",
+        ("curve", "nylon", "--law", OWN, "--eps-up", 0.9): "left out with your own law",
+        ("curve", "--fit", above_yield[1], "--law", OWN): "left out with a fit of a built-in law",
+        ("compare", "--laws", f"hertz,{OWN}r"): "no 'Decayr'; one of Decay, decay",
+        ("export", "nylon", "--to", "c", "--law", "none.py:Decay"): "none.py: no such file",
+        (
+            "export",
+            "nylon",
+            "--to",
+            "c",
+            "--law",
+            OWN,
+            "--set",
+            "level=1",
+            "rate=2",
+        ): "`--law` must be a law with",
+    }
+    for words, blamed in refused.items():
+        code, out, error = run(*words)
+        assert (code, out, error.count("\n"), blamed in error) == (2, "", 1, True), error
