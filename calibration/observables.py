@@ -4,8 +4,8 @@ A data set is rows of (velocity, observable, value). ε is the one that every se
 are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one
 likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, for what is
 predicted, and of `data.columns.OBSERVED_COLUMNS`, for what is measured. It follows
-from the force alone: one that depends on ε also concerns what `request._identified` searches, what `laws` starts
-from and takes for known, and in `collisions` and `traceable` the branch at yield and the sign of ε².
+from the force alone: one that depends on ε (`Observable.has_losses`) also concerns what `request._identified`
+searches, and what `laws` starts from and takes for known.
 
 The others have a dimension: a fit works with them in parts of a power law of v through the measured
 values, so that scatter, where none is stated, is relative.
@@ -24,10 +24,14 @@ ALIKE = 1e-6  # relative spread up to which uncertainties are the same part of e
 
 
 class Observable(NamedTuple):
-    """Symbol, SI unit, what it is in words, its prediction, and the power of v that it goes with.
+    """An observable of a collision.
 
-    The prediction is of a `softjax.Restitution`, in SI and differentiable, 0 where there is none; the
-    power is that under Hertz's law.
+    Attributes:
+        symbol, unit, words: its symbol, SI unit ("-" for none), and name in words.
+        of: prediction of a `softjax.Restitution`, in SI and differentiable, 0 where there is none.
+        power: of v that it goes with under Hertz's law.
+        has_losses: whether it depends on ε: the losses of Eq. (17) act on it, and where ε jumps, at
+            yield, it does too. A collision gives ε², below 0 where nothing rebounds, in its place.
     """
 
     symbol: str
@@ -35,6 +39,12 @@ class Observable(NamedTuple):
     words: str
     of: Callable[[Any], Any]
     power: float = 0.0
+    has_losses: bool = False
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether its errors are in parts of its values: what has a dimension."""
+        return self.unit != "-"
 
 
 def _diameter(area: Any, overlap: Any) -> Any:
@@ -54,7 +64,9 @@ def _residual_dent(hit: Any) -> Any:
 
 
 OBSERVABLES: dict[str, Observable] = {
-    RESTITUTION: Observable("ε", "-", "coefficient of restitution", lambda hit: hit.coefficient),
+    RESTITUTION: Observable(
+        "ε", "-", "coefficient of restitution", lambda hit: hit.coefficient, has_losses=True
+    ),
     "contact_time": Observable("t_c", "s", "contact time", lambda hit: hit.duration, -0.2),
     "peak_force": Observable("F_max", "N", "largest force", lambda hit: hit.peak_force, 1.2),
     "peak_overlap": Observable("δ_max", "m", "largest penetration", lambda h: h.peak_overlap, 0.8),

@@ -19,6 +19,11 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{float(text):.0f}" if is_whole else text
 
 
+def to_digits(value: float, digits: int) -> float:
+    """The value rounded to significant digits: a key by which numbers that agree to these are equal."""
+    return float(f"{value:.{digits}g}")
+
+
 def with_error(value: float | None, error: float | None) -> str:
     """`1.794 ± 0.052`: the error to two digits, the value to the same place; no error below `NO_ERROR`."""
     if not _finite(value):

@@ -194,9 +194,8 @@ def _of_fit(arguments: argparse.Namespace) -> Source:
         draws = read(arguments.posterior)
     bodies, properties = _bodies(fit.data.bodies)
     parts = fit.name, fit.law, span, properties, bodies, result, draws
-    ours = [warning for warning in result.warnings if warning.material in (None, fit.name)]
     more: dict[str, Any] = {"fall": fit.data.fall, "measured": (low, high)}
-    return Source(*parts, remark=remark, warnings=_words(ours, result), **more)
+    return Source(*parts, remark=remark, warnings=_words(fit.warnings, result), **more)
 
 
 def _words(warnings: Iterable[Any], result: FitResult) -> list[str]:

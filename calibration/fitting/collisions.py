@@ -21,7 +21,7 @@ from jaxtyping import Float, Int
 import softjax as sj
 from calibration.errors import DataError
 from calibration.fitting.laws import CONTACT_LEAVES, OF_CONTACT, LawModel
-from calibration.observables import RESTITUTION, predicted
+from calibration.observables import OBSERVABLES, RESTITUTION, predicted
 from softjax.compiling import filled, in_few_sizes
 from softjax.fields import shared_fields
 
@@ -257,7 +257,7 @@ def _block(inputs, shape: LawShape, moving, route: Route, observable: str):
         for k, values in zip(each, some, strict=True):
             inputs[k] = values
         law = jax.tree.unflatten(shape.tree, inputs)
-        if observable != RESTITUTION:
+        if not OBSERVABLES[observable].has_losses:
             hit = sj.restitution(law, velocity, route)
             return predicted(observable, hit), hit.status
         return tuple(sj.signed_restitution(law, velocity, route))

@@ -23,7 +23,7 @@ from calibration.fitting.material import Band, MaterialFit
 from calibration.fitting.problem import Element, Points, Problem, block_name
 from calibration.fitting.request import WIDE
 from calibration.fitting.uncertainty import dof_of, quantile
-from calibration.observables import PLACES, RESTITUTION
+from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared
 
@@ -33,6 +33,7 @@ LEAST_REBOUND = 1e-3  # of ε, of a bounce that is planned
 NO_VARIANCE = 1e-12  # of the largest, below which that of a direction is none
 HIDDEN = 1e-3  # of a slope, from which on a part along what is not determined counts
 AFFECTS = 1e-6  # of a prediction, by a parameter that acts on no point
+SAME_BODY = 9  # decimal places of the logarithms of numbers of a body: equal ones are one body
 ALIKE = 1e-3  # relative spread up to which stated uncertainties count as equal
 
 Velocity = Float[np.ndarray, "n"]
@@ -102,11 +103,11 @@ def band(
     dof = dof_of(result.dof_by_component, material.name, labels)
     hidden = _Hidden.of(result)
     route = result.request.route_of_curve(material.model.law_type)
-    is_eps, further = observable == RESTITUTION, kind == "prediction"
+    further = kind == "prediction"
     if further and observable not in material.measured:
         accepted = f"one that was measured: {listed(material.measured)}"
         raise DataError("observable", observable, accepted)
-    of_noise = material if is_eps else material.observed.get(observable)
+    of_noise = material.goodness(observable)
 
     def parts(velocity: Velocity) -> tuple[np.ndarray, ...]:
         value, slope = curve_and_slopes(material, velocity, route, observable)
@@ -121,7 +122,7 @@ def band(
         if not further:
             return value, value - reach, value + reach, np.sqrt(variance_of_curve)
         at = lambda v: curve_and_slopes(material, v, route, observable)[0]  # noqa: E731
-        scale = 1.0 if is_eps else value**2  # variances of others are relative
+        scale = value**2 if OBSERVABLES[observable].is_relative else 1.0
         variances = further_variances(material, velocity, at, observable)
         added = {name: scale * variance for name, variance in variances.items()}
         error = np.sqrt(variance_of_curve + sum(added.values()))
@@ -196,7 +197,8 @@ def _differing(material: MaterialFit) -> list[np.ndarray]:
 
 def distinct_impacts(material: MaterialFit) -> list[int]:
     """The first impact of each kind of bodies and parameters; none where all impacts share them."""
-    columns = [np.round(np.log(np.abs(value) + 1e-300), 9) for value in _differing(material)]
+    logs = (np.log(np.abs(value) + 1e-300) for value in _differing(material))
+    columns = [np.round(values, SAME_BODY) for values in logs]
     if not columns:
         return []
     return sorted(np.unique(np.stack(columns, axis=1), axis=0, return_index=True)[1].tolist())

@@ -27,6 +27,7 @@ import numpy as np
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError, did_you_mean, listed
+from calibration.options import LAWS as NAMES
 from softjax.fields import NO_UNIT, Declared, declarations, options_of, shared_fields
 
 CONTACT_LEAVES = declarations(sj.Contact)
@@ -356,48 +357,55 @@ def _beyond_fastest(data: RestitutionData) -> tuple[float, float]:
     return float(np.max(data.velocity)), np.inf
 
 
-KNOWN: dict[str, Known] = {
-    "zhou": Known(sj.Zhou, "Zhou", _of_zhou),
-    "thornton": Known(
+BUILT_IN = (
+    Known(sj.Zhou, "Zhou", _of_zhou),
+    Known(
         sj.Thornton,
         "Thornton, yield pressure free",
         _of_thornton,
         "Hertz's contact area; the literature's p_y/Y are 1.6 to 2.8.",
     ),
-    "walton-braun": Known(
+    Known(
         sj.WaltonBraun,
         "Walton–Braun",
         _of_walton_braun,
         "ε does not determine k1, which is fixed at k √R; k20 and s are in proportion to it.",
     ),
-    "viscoelastic": Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _of_viscoelastic),
-    "hertz": Known(sj.Hertz, "Hertz", remark="Nothing to fit: ε = 1."),
-    "hertz-dashpot": Known(
+    Known(sj.ViscoelasticHertz, "viscoelastic Hertz", _of_viscoelastic),
+    Known(sj.Hertz, "Hertz", remark="Nothing to fit: ε = 1."),
+    Known(
         sj.HertzDashpot,
         "Hertz with dashpot",
         _of_mean,
         "ε is an input of the law, the same at all velocities.",
     ),
-    "linear": Known(
+    Known(
         sj.LinearSpringDashpot,
         "linear spring–dashpot",
         _of_linear,
         "ε is an input of the law, the same at all velocities; it does not determine K.",
     ),
-    "constant": Known(
+    Known(
         sj.ConstantRestitution,
         "constant ε (hard spheres)",
         _of_mean,
         "ε is an input of the law; fitted is its mean.",
     ),
-    "eq-17": Known(
+    Known(
         sj.EmpiricalRestitution,
         "Eq. (17), empirical",
         _of_eq_17,
         "A formula without a collision, as a baseline.",
     ),
+)
+# by the names that `calibration.options` gives them
+KNOWN: dict[str, Known] = {
+    name: known
+    for name, class_name in NAMES.items()
+    for known in BUILT_IN
+    if known.law.__name__ == class_name
 }
-LAWS: dict[str, type] = {key: known.law for key, known in KNOWN.items()}
+LAWS: dict[str, type] = {name: known.law for name, known in KNOWN.items()}
 """The built-in contact laws by the names that `fit`, `compare` and the commands take."""
 WITHOUT_CONTACT = ("constant", "eq-17")  # laws that need no elastic properties
 

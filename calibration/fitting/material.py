@@ -232,6 +232,10 @@ class MaterialFit(Goodness):
         has_own = bool(np.any(np.isfinite(self.data.restitution)))
         return [*[RESTITUTION] * has_own, *self.observed]
 
+    def goodness(self, observable: str) -> Goodness | None:
+        """How the curve follows one observable; None for one that was not measured and is not ε."""
+        return self if observable == RESTITUTION else self.observed.get(observable)
+
     @property
     def free(self) -> dict[str, str]:
         """Free parameters, in the order of `values`, and their labels in the covariance."""

@@ -18,6 +18,7 @@ from scipy import special
 from calibration.options import FitOptions
 
 LN_2PI = math.log(2 * math.pi)
+HEAVY_TAILS = 4.0  # degrees of freedom of Student's t: the default of `noise_dof`
 RARE = 0.05  # probability that the farthest of n residuals is an outlier
 
 
@@ -91,6 +92,11 @@ class Family(ABC):
         """Size of residuals r/√V from which on one of so many is an outlier."""
         return float(self.quantile(1 - 0.5 * RARE / count))
 
+    @property
+    def robust(self) -> "Family | None":
+        """Heavier tails, by which outliers are seen for what they are; None: these are heavy enough."""
+        return None
+
 
 @dataclass(frozen=True, eq=False)
 class Normal(Family):
@@ -134,6 +140,10 @@ class Normal(Family):
 
     def drawn(self, normal: np.ndarray, random: np.random.Generator) -> np.ndarray:
         return normal
+
+    @property
+    def robust(self) -> Family:
+        return StudentT(HEAVY_TAILS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,6 +222,7 @@ class StudentT(Family):
 
 FAMILIES: dict[str, Any] = {family.name: family for family in (Normal, StudentT)}
 JOINT = tuple(name for name, family in FAMILIES.items() if family.has_joint)
+LEAST_SQUARES = tuple(name for name, family in FAMILIES.items() if family.is_least_squares)
 
 
 def family_of(options: FitOptions) -> Family:

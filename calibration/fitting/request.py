@@ -34,7 +34,7 @@ from calibration.fitting.laws import (
     several_yields,
     zhou_model,
 )
-from calibration.fitting.noise import JOINT
+from calibration.fitting.noise import JOINT, LEAST_SQUARES
 from calibration.fitting.problem import DRAG, FARTHEST, Element, Points, Problem, pools_of
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.options import KINDS_OF_LAW, FitOptions, checked_law, route_named
@@ -249,6 +249,9 @@ def _check_law(data: RestitutionData, model: LawModel, objective: str, noise: st
     if names and not by_force:
         refused = f"{names}, of which {model.key} determines nothing"
         raise data.refusal(refused, "a law with a contact force")
+    if objective == "two-step" and noise not in LEAST_SQUARES:
+        least_squares = " or ".join(f'"{name}"' for name in LEAST_SQUARES)
+        raise DataError("noise", noise, f'{least_squares} with objective = "two-step"')
     if objective == "two-step" and model.key != "zhou":
         raise DataError("objective", f"two-step with {model.key}", 'Zhou\'s law, or "model"')
 

@@ -31,7 +31,7 @@ from calibration.fitting.stages import (
 )
 from calibration.fitting.summary import results_at, summarise
 from calibration.fitting.variances import pooled_estimates
-from calibration.fitting.warnings import FitWarning
+from calibration.fitting.warnings import FitWarning, in_order
 from calibration.options import idle
 
 Progress = Callable[..., None]  # called as progress(stage, done, total)
@@ -63,23 +63,20 @@ def run(
         done = lambda count: tell("profiles", count, len(fits))  # noqa: E731
         curves = profiles_of(fits, options.confidence, done)
         done(len(fits))
-    found_warnings: list[FitWarning] = []
     materials: dict[int, MaterialFit] = {}
     pooled = pooled_estimates(fits, options.confidence)
     for fit, profiles in zip(fits, curves, strict=True):
-        parts, of_several, drag = summarise(fit, profiles, options)
+        parts, drag = summarise(fit, profiles, options)
         materials |= dict(zip(fit.component.sets, parts, strict=True))
-        found_warnings += of_several
         pooled |= drag
     ordered = tuple(materials[g] for g in sorted(materials))
-    found_warnings += [warning for material in ordered for warning in material.warnings]
+    found = [warning for material in ordered for warning in material.warnings]
     stages = [stage for fit in fits for stage in fit.stages]
     if line is not None:
         stage = replace(line.fit.final, report=replace(line.fit.final.report, stage="Eq. (18)"))
         stages.append(stage)
         if not stage.ends.converged[0]:
-            found_warnings.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
-    found_warnings.sort(key=lambda warning: warning.rank)
+            found.append(FitWarning("not-converged", f"Eq. (18): {stage.report.reason}"))
     condition = max(float(fit.uncertainty.condition_number) for fit in fits)
     names, covariance, of_predictions = _covariances(fits)
     result = kind(
@@ -92,7 +89,7 @@ def run(
         rank=sum(int(fit.uncertainty.rank) for fit in fits),
         condition_number=condition if np.isfinite(condition) else None,
         likelihood=likelihood_of(fits, options),
-        warnings=tuple(dict.fromkeys(found_warnings)),
+        warnings=in_order(found),
         optimiser_report=tuple(stage.report for stage in stages),
         profiles={label: curve for profiles in curves for label, curve in profiles.items()},
         dof_by_component=tuple(

@@ -1,7 +1,7 @@
 """The stages of one component: starts, searches, and the variances of where they end."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -42,6 +42,7 @@ from calibration.fitting.variances import (
 from calibration.fitting.warnings import CONFIDENCE, runs
 from calibration.options import FitOptions
 from calibration.parameters import LOGIT, NONE
+from calibration.rounding import to_digits
 from calibration.schema import Real
 
 # how far around the start it is worth looking, in z: three decades to each side of a positive
@@ -119,6 +120,12 @@ ODE_SHARE = 0.05  # of these where each is integrated over time
 QUICKEST = "levenberg-marquardt"
 AS_LOW = 1e-6  # share of a cost within which two ends may be one minimum
 MOVED = 1e-2  # in z, from which on ends are others to a reader
+COST_DIGITS = (
+    6  # of a cost: ends that agree to these are one minimum, found to a search's tolerance
+)
+DEVIANCE_DIGITS = (
+    9  # of -2 ln p: of ends that agree to these the one found first is taken, on any machine
+)
 ROUNDS = 30
 CLOSER = 2  # rounds in which neighbourhoods are brought to the minimum of all points
 EXPONENTS = (0.4, 1.5, 5.0, 15.0)  # ψ from which a search begins where it may have several minima
@@ -454,9 +461,8 @@ def _misses(problem: Problem, end: Ends) -> bool:
 
 
 def _rank(end: Ends) -> tuple[float, bool]:
-    """The lowest cost first; of those as low, one that converged."""
-    cost = float(end.cost[0])
-    return (float(f"{cost:.6g}"), not end.converged[0])
+    """Sort by cost to `COST_DIGITS`; of ends that agree to these, one that converged comes first."""
+    return to_digits(float(end.cost[0]), COST_DIGITS), not end.converged[0]
 
 
 def _in_units(problem: Problem, end: Ends) -> tuple[Problem, Ends]:
@@ -478,12 +484,13 @@ def _lowest(problem: Problem, ends: list[Ends], options: FitOptions) -> tuple[An
 
 
 def _minus_two_log(problem: Problem, end: Ends) -> float:
-    """-2 ln p(data | θ, s) p(θ) where a search ended, over all members of pools, to nine digits."""
+    """-2 ln p(data | θ, s) p(θ) where a search ended, over all members of pools, to `DEVIANCE_DIGITS`."""
     linear = problem.linearise(end.z, slopes=False)
     priors = linear.residual[:, problem.count : linear.residual.shape[1] - problem.more]
     pools = [(estimate_of_pool(problem, end.z[0], p, end.bound_side[0]), p) for p in problem.pools]
     spreads = sum(estimate.minus_two_log(pool.spread) for estimate, pool in pools)
-    return float(f"{problem.deviance(end.z)[0] + np.sum(priors**2) + spreads:.9g}")
+    total = float(problem.deviance(end.z)[0] + np.sum(priors**2) + spreads)
+    return to_digits(total, DEVIANCE_DIGITS)
 
 
 def estimate_variances(problem: Problem, end: Ends, options: FitOptions, restricted: bool = True):
@@ -568,6 +575,10 @@ class ComponentFit:
             k: offsets_of(first, k, self.z, residual[s], known) for k, s in enumerate(first.spans)
         }
         return {k: part for k, part in parts.items() if part is not None}
+
+    def owner(self, sets: Sequence[int]) -> str | None:
+        """Name of the data set that something is about; None for several."""
+        return self.component.specs[sets[0]].data.name if len(sets) == 1 else None
 
     @property
     def has_intervals(self) -> bool:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 import softjax as sj
+from calibration.fitting.checks.collected import of_component, of_set
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
-from calibration.fitting.noise import StudentT
 from calibration.fitting.problem import DRAG, Problem
 from calibration.fitting.profiles import Profile, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
@@ -22,14 +22,12 @@ from calibration.fitting.uncertainty import (
     quantile,
     uncertainty_of,
 )
-from calibration.fitting.warnings import FitWarning
-from calibration.fitting.warnings_of import of_component, of_set
+from calibration.fitting.warnings import in_order
 from calibration.observables import RESTITUTION
 from calibration.options import FitOptions
 from calibration.parameters import NONE
 
 MOST_OUTLIERS = 100  # of one data set
-ROBUST = StudentT(4.0)
 MOST_ROBUST = 20_000  # points of a robust fit
 NO_ERRORS = 1e-9  # of ε: residuals below are none
 DIFFERENCE = 1e-3  # in z, of fourth-order differences: their error is near 1e-12
@@ -44,16 +42,16 @@ NOISE = (
 
 def summarise(
     fit: ComponentFit, curves: dict[str, Profile], options: FitOptions
-) -> tuple[list[MaterialFit], list[FitWarning], dict[str, Estimate]]:
-    """Each data set's part, the warnings about several of them, and the error of the drag coefficient."""
+) -> tuple[list[MaterialFit], dict[str, Estimate]]:
+    """Each data set's part, and the error of the drag coefficient."""
     by_element = estimates(fit, curves, options.confidence)
-    shared_warnings = of_component(fit, by_element, curves)
+    of_fit = of_component(fit, by_element, curves)
     sets = range(len(fit.component.sets))
-    materials = [_material(fit, g, by_element, options, shared_warnings) for g in sets]
+    materials = [_material(fit, g, by_element, options, of_fit) for g in sets]
     materials = _with_robust(fit, materials, options)
     elements = enumerate(fit.component.elements)
     drag = {e.label: by_element[k] for k, e in elements if e.name == DRAG}
-    return materials, [w for w in shared_warnings if w.material is None], drag
+    return materials, drag
 
 
 def _with_robust(
@@ -66,13 +64,17 @@ def _with_robust(
     """
     name, problem = fit.component.stages[0]
     plain = all(
-        e.noise.is_least_squares and not e.shares and {*e.unknown} <= {"scatter", "scale"}
+        e.noise.robust and not e.shares and {*e.unknown} <= {"scatter", "scale"}
         for e in problem.errors
     )
     is_possible = plain and fit.is_likelihood and fit.converged and problem.count <= MOST_ROBUST
     if not is_possible or not any(part.outliers for part in materials):
         return materials
-    errors = [replace(e, noise=ROBUST, unknown=("scatter",)) for e in problem.errors]
+    errors = [
+        replace(e, noise=family, unknown=("scatter",))
+        for e in problem.errors
+        if (family := e.noise.robust) is not None
+    ]
     quick = options.model_copy(update=PLAIN | {"starts": 1})
     stage = run_stage(name, replace(problem, errors=tuple(errors)), fit.z, quick)
     known = uncertainty_of([(stage.problem, stage.bound_side)], stage.z)
@@ -92,7 +94,7 @@ def _with_robust(
     return marked
 
 
-def _material(fit: ComponentFit, g: int, by_element, options, shared_warnings) -> MaterialFit:
+def _material(fit: ComponentFit, g: int, by_element, options, of_fit) -> MaterialFit:
     spec, problem = fit.component.specs[g], fit.final.problem
     blocks = [(k, block) for k, block in enumerate(problem.blocks) if block.set == g]
     goodness = {block.observable: _goodness(fit, k) for k, block in blocks}
@@ -121,10 +123,10 @@ def _material(fit: ComponentFit, g: int, by_element, options, shared_warnings) -
         known_to=known_to,
         observed={name: of_one for name, of_one in goodness.items() if name != RESTITUTION},
     )
-    found = [warning for warning in shared_warnings if warning.material == part.name]
+    found = [warning for warning in of_fit if warning.material in (None, part.name)]
     residual = at.prediction[0][first] - problem.points.value[first]
     found += of_set(fit, part, residual, dict(zip(goodness, spec.errors, strict=True)))
-    return replace(part, warnings=tuple(found))
+    return replace(part, warnings=in_order(found))
 
 
 def _parameters(fit: ComponentFit, g: int, by_element, known_to: float):

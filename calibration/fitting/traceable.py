@@ -34,7 +34,7 @@ from calibration.fitting.request import (
     datasets_of,
     transform_of,
 )
-from calibration.observables import RESTITUTION, predicted
+from calibration.observables import OBSERVABLES, RESTITUTION, predicted
 from calibration.options import FitOptions, require_likelihood
 from calibration.parameters import Transform
 
@@ -87,7 +87,7 @@ class NamedErrors:
         vector = _vector(self.problem, theta)
         velocity = jnp.asarray(errors.nodes if errors.has_velocity_errors else errors.velocity)
         law = self.problem.laws.of_points(vector, self.block.span)
-        if self.block.observable == RESTITUTION:
+        if OBSERVABLES[self.block.observable].has_losses:
             value = root(sj.signed_restitution(law, velocity, route).squared, jnp)
         else:
             hit = sj.restitution(law, velocity, route)

@@ -1,9 +1,16 @@
 """Named reasons not to trust a fit, each with its cause and what to do about it.
 
-A new one is an entry of `ADVICE`, a function in `warnings_of` that looks for it, and a section of the
-reference's symptoms.
+Which warnings belong to what:
+
+- a data set: what its points show, and parameters and searches that are its alone; `material` is its name
+- a component (data sets that share parameters): what is shared; no name, and each of its sets has it
+- the result: all of these, each once, and those of the fit of Eq. (18); in the order of `ADVICE`
+
+A new one is an entry of `ADVICE`, a function in the room of `checks` of its subject that looks for it, and a
+section of the reference's symptoms.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,59 +24,60 @@ CONFIDENCE = 0.99  # of the tests on residuals
 OUTSIDE = 1e-3  # of a velocity: less beyond the data's is no extrapolation, as ends are rounded
 OTHER_LAWS = "`softjax compare` tries other laws"
 MORE = "Sample longer: more `draws`, and as many of `warmup`."
+# code: advice; warnings are listed in this order
 ADVICE = {
-    "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
-    "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
-    "prior-conflict": (
-        "Check the prior's value and unit, the outliers and the law: the estimate is a compromise between "
-        "the prior and points that contradict it."
-    ),
-    "sigma-psi-not-separate": (
-        "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
-    ),
-    "skewed": "Use the interval, or the posterior: no standard error describes both sides.",
-    "collinear": (
-        "Report ε(v) rather than either; or fix one of them, give it a prior, or measure where they differ."
-    ),
+    "plausibility": "Check the unit.",
     "not-converged": "Use more starts or steps, or another optimiser; do not use the values.",
-    "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
+    "level": (
+        f"Offsets of groups scatter about 0: this one is the law's misfit, and no interval holds. Check the law "
+        f"({OTHER_LAWS}), the bodies and the unit."
+    ),
     "model-misfit": (
         f"Check the outliers and the law ({OTHER_LAWS}), or let `extra_scatter` estimate the noise."
-    ),
-    "stated-uncertainty": (
-        f"Check the stated uncertainties (unit, rounding, what they include) and the law ({OTHER_LAWS}). "
-        "An estimated scatter takes either fault as noise."
     ),
     "residual-runs": (
         f"The law misses a trend ({OTHER_LAWS}), or points belong together "
         "(name them in a `group` column)."
+    ),
+    "several-minima": "Give bounds or a prior that decide, or measure where the curves differ.",
+    "at-bound": "Widen the bound if it was given, or fix the parameter there; its interval is one-sided.",
+    "prior-conflict": (
+        "Check the prior's value and unit, the outliers and the law: the estimate is a compromise between "
+        "the prior and points that contradict it."
+    ),
+    "rank-deficient": "Fix one of the parameters, give it a prior, or measure where it acts.",
+    "skewed": "Use the interval, or the posterior: no standard error describes both sides.",
+    "collinear": (
+        "Report ε(v) rather than either; or fix one of them, give it a prior, or measure where they differ."
+    ),
+    "eps-up-only": "Measure below the critical velocity to separate sigma from psi.",
+    "sigma-psi-not-separate": (
+        "Use eps_up, which is determined; or measure below the critical velocity, or more precisely."
+    ),
+    "data": "Check the data.",
+    "track": "Export the track as it was measured, without smoothing, and mind the lens at the edges of the picture.",
+    "stated-uncertainty": (
+        f"Check the stated uncertainties (unit, rounding, what they include) and the law ({OTHER_LAWS}). "
+        "An estimated scatter takes either fault as noise."
     ),
     "unequal-scatter": "State each point's own uncertainty; intervals take errors to be as stated, else equal.",
     "offset": (
         "Check its bodies, instrument and unit: a scatter that is estimated takes a wrong level as noise. "
         "Leave it out, or give it parameters of its own."
     ),
-    "level": (
-        f"Offsets of groups scatter about 0: this one is the law's misfit, and no interval holds. Check the law "
-        f"({OTHER_LAWS}), the bodies and the unit."
-    ),
     "groups": "Say which points belong together (specimen, launch, day) in a `group` column.",
-    "plausibility": "Check the unit.",
     "no-velocity-dependence": "Use a constant restitution, or measure over more velocities.",
+    "velocity-errors": (
+        "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
+    ),
     "status": "Look at the velocities named and at the law's range; leave them out if need be.",
-    "overlap": "Contact laws are for small overlaps: use slower impacts, or larger or stiffer bodies.",
-    "extrapolation": "Measure there before relying on it.",
     "all-below-yield": "Measure above the critical velocity; the unloading factor acts only there.",
-    "eps-up-only": "Measure below the critical velocity to separate sigma from psi.",
+    "overlap": "Contact laws are for small overlaps: use slower impacts, or larger or stiffer bodies.",
     "yield-jump": (
         "Measure farther from the critical velocity on both sides, or fix what yield depends on: the side "
         "that such a point is on decides where yield is."
     ),
-    "velocity-errors": (
-        "Measure velocities to 10 % or better; leave points out that may lie on either side of first yield."
-    ),
-    "data": "Check the data.",
-    "track": "Export the track as it was measured, without smoothing, and mind the lens at the edges of the picture.",
+    "extrapolation": "Measure there before relying on it.",
     # of draws
     "r-hat": f"{MORE} Where it stays, there are several modes: give bounds or a prior that decide.",
     "effective-size": f"{MORE} Limits of intervals are rough until then.",
@@ -85,7 +93,7 @@ ADVICE = {
     "follows-prior": "The data do not determine it: measure where it acts, or state a prior that you can justify.",
 }
 # the warnings under which no interval holds, and what the first sentence of a report says then, "" for the cause up
-# to its colon; in the order in which warnings are listed, after those of a property that is not plausible
+# to its colon
 NO_INTERVAL_HOLDS = {
     "not-converged": "the search did not converge",
     "level": "",
@@ -93,13 +101,16 @@ NO_INTERVAL_HOLDS = {
     "residual-runs": "the law misses a trend in the points",
     "several-minima": "another minimum fits nearly as well",
 }
-FIRST = ("plausibility", *NO_INTERVAL_HOLDS)
+FIRST = ("plausibility", *NO_INTERVAL_HOLDS)  # before these no other warning matters
+ORDER = tuple(ADVICE)
 Column = Float[np.ndarray, "n"]
+# code, cause in words (None: there is none), and advice where that of the code does not fit
+Found = Iterable[tuple[str, str | None] | tuple[str, str | None, str]]
 
 
 @dataclass(frozen=True)
 class FitWarning:
-    """A warning: `code` is its name, `material` the data set it is about (None: all).
+    """A warning: `code` is its name, `material` the data set that it is about (None: about several).
 
     `advice` is what to do about it; of its code where left out.
     """
@@ -114,11 +125,6 @@ class FitWarning:
             object.__setattr__(self, "advice", ADVICE[self.code])
 
     @property
-    def rank(self) -> int:
-        """Place of the warning among all: the lower, the more of the result it is about."""
-        return FIRST.index(self.code) if self.code in FIRST else len(FIRST)
-
-    @property
     def reason(self) -> str:
         """Why no interval holds, in the first sentence of a report; of codes of `NO_INTERVAL_HOLDS`."""
         return NO_INTERVAL_HOLDS[self.code] or self.cause.partition(":")[0]
@@ -126,6 +132,16 @@ class FitWarning:
     def __str__(self) -> str:
         where = "" if self.material is None else f" ({self.material})"
         return f"{self.code}{where}: {self.cause}. {self.advice}"
+
+
+def raised(material: str | None, found: Found) -> list[FitWarning]:
+    """One warning for each cause."""
+    return [FitWarning(code, cause, material, *advice) for code, cause, *advice in found if cause]
+
+
+def in_order(found: Iterable[FitWarning]) -> tuple[FitWarning, ...]:
+    """Each warning once, in the order of `ADVICE`."""
+    return tuple(sorted(dict.fromkeys(found), key=lambda warning: ORDER.index(warning.code)))
 
 
 def runs(velocity: Column, residual: Column) -> str | None:

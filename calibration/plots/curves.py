@@ -252,7 +252,8 @@ def _plot_fit(ax: Axes, result: Any, fit: Any, name: str, velocity: np.ndarray, 
         ax.plot(x, empirical, "--", color=style.ORANGE, zorder=4, label=EQ_17)
     x, value = _sorted(velocity / scale, band.coefficient)
     ax.plot(x, value, color=style.BLUE, linewidth=1.8, label=f"{fit.model.label}, fitted")
-    reach = (band.high - band.low) / (1.0 if name == RESTITUTION else np.abs(band.coefficient))
+    scale = np.abs(band.coefficient) if OBSERVABLES[name].is_relative else 1.0
+    reach = (band.high - band.low) / scale
     if np.nanmax(reach, initial=0.0) > INVISIBLE:
         wide = [("prediction", 0.1, "one more measurement")] * (name in fit.measured)
         for kind, alpha, what in (*wide, ("mean", 0.3, "of the mean")):

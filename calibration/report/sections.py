@@ -9,7 +9,7 @@ import pandas as pd
 
 from calibration import symbols
 from calibration.fitting.request import stated_parameters
-from calibration.fitting.warnings import NO_INTERVAL_HOLDS, FitWarning
+from calibration.fitting.warnings import NO_INTERVAL_HOLDS
 from calibration.options import VALUES_ALONE
 from calibration.parameters import Parameter
 from calibration.report.budget import budget_blocks
@@ -226,8 +226,7 @@ def _unscattered(result: Any) -> list[tuple[str, str]]:
 
 def _reasons(result: Any) -> list[str]:
     """Why no interval holds, each with its data sets where there are several."""
-    warnings: list[FitWarning] = [w for w in result.warnings if w.code in NO_INTERVAL_HOLDS]
-    warnings.sort(key=lambda warning: warning.rank)
+    warnings = [w for w in result.warnings if w.code in NO_INTERVAL_HOLDS]
     reasons = []
     for text in dict.fromkeys(warning.reason for warning in warnings):
         owners = dict.fromkeys(w.material for w in warnings if w.reason == text)

@@ -355,7 +355,7 @@ def group_blocks(result: Any) -> list[Block]:
     for fit in result.materials:
         for name, goodness in {RESTITUTION: fit, **fit.observed}.items():
             owner = {"material": fit.name} if several else {}
-            what = "ε" if name == RESTITUTION else f"{OBSERVABLES[name].symbol} [relative]"
+            what = OBSERVABLES[name].symbol + " [relative]" * OBSERVABLES[name].is_relative
             for label, (offset, error) in list(goodness.group_offsets.items())[:MOST_GROUPS]:
                 rows += [owner | {"group": label, "of": what, "offset": with_error(offset, error)}]
             if (more := len(goodness.group_offsets) - MOST_GROUPS) > 0:

@@ -1,5 +1,7 @@
 """Laws of a user's: the library's forces in newtons, and one whose restitution is known."""
 
+import jax.numpy as jnp
+
 import softjax as sj
 
 
@@ -22,9 +24,9 @@ class Borrowed(sj.RateIndependentLaw):
     law: sj.RateIndependentLaw
 
     def elastic_overlap(self):
-        if not isinstance(self.law, sj.Zhou | sj.Thornton):
-            return 0.0
-        impact = 1.25 * self.contact.mass * self.law.elastic_velocity() ** 2
+        velocity = self.law.elastic_velocity()
+        yields = (velocity > 0) & (velocity < jnp.inf)
+        impact = 1.25 * self.contact.mass * jnp.where(yields, velocity, 0.0) ** 2
         return (impact / self.contact.stiffness) ** 0.4
 
     def loading_force(self, overlap):

@@ -517,3 +517,22 @@ def test_scatter_far_from_what_was_stated_is_named_also_where_it_is_estimated(
     if is_raised:
         ratio = float(causes[0].removeprefix("the points scatter by ").split()[0])
         assert 0.5 < ratio / factor < 2
+
+
+def test_a_set_has_its_own_warnings_and_those_of_what_it_shares_and_the_result_each_once():
+    sets = [replace(straight(np.ones_like, stop=stop), name=f"to {stop}") for stop in (2.0, 4.0)]
+    shared = {"restitution": Free(0.5, bounds=(0.3, 0.6), shared=True)}
+    result = cal.fit(sets, "constant", shared, **QUICK)
+    everything = [(w.code, w.material) for w in result.warnings]
+    assert len(everything) == len(set(everything))
+    own = [("residual-runs", "to 2.0"), ("residual-runs", "to 4.0")]
+    assert [one for one in everything if one[0] in ("residual-runs", "at-bound")] == [
+        *own,
+        ("at-bound", None),
+    ]
+    for material, mine in zip(result.materials, own, strict=True):
+        codes = [(w.code, w.material) for w in material.warnings]
+        assert [one for one in codes if one in (*own, ("at-bound", None))] == [
+            mine,
+            ("at-bound", None),
+        ]
