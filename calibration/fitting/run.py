@@ -23,7 +23,7 @@ from calibration.fitting.line import fit_line, with_inputs
 from calibration.fitting.material import Estimate, MaterialFit
 from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.request import Request
-from calibration.fitting.search import OPTIMISERS
+from calibration.fitting.search import OPTIMISERS, one_thread
 from calibration.fitting.stages import (
     ComponentFit,
     fitted,
@@ -51,6 +51,13 @@ def run(
         tell: called as tell(stage, done, total).
         kind: the class of the record that is made.
     """
+    with one_thread():
+        return _run(request, stated, tell, kind)
+
+
+def _run(
+    request: Request, stated: Mapping[str, Any] | None, tell: Progress, kind: type[Result]
+) -> Result:
     options, started = request.options, time.perf_counter()
     names = [data.name for data in request.datasets]
     pairs = zip(request.datasets, stated_inputs(stated, names), strict=True)

@@ -313,10 +313,15 @@ class _Search:
 
 @cache
 def _blas() -> Any:
-    """The libraries of linear algebra, whose threads take twenty times the processor time of matrices so small."""
+    """The libraries of linear algebra."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().select(user_api="blas")
+
+
+def one_thread() -> Any:
+    """A context in which linear algebra keeps to one thread: more take twenty times the processor time of small matrices."""
+    return _blas().limit(limits=1)
 
 
 def search(
@@ -350,7 +355,7 @@ def search(
     def run(z, reference_start, fixed, batch: Batch, enough) -> Ends:
         state = _Search(problem, z, reference_start, fixed, batch, limit, releases, enough)
         if len(active):
-            with _blas().limit(limits=1):
+            with one_thread():
                 state.run(method(*state.start.shape))
         else:
             state._stop(np.ones(len(z), bool), ARRIVED[0])
