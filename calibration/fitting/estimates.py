@@ -19,6 +19,7 @@ from calibration.fitting.budget import (
     Budget,
 )
 from calibration.fitting.curves import band, of_impact
+from calibration.fitting.degrees_of_freedom import DegreesOfFreedom
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
 from calibration.fitting.line import Line
@@ -31,7 +32,6 @@ from calibration.fitting.stages import (
     Likelihood,
     Stage,
 )
-from calibration.fitting.uncertainty import DegreesOfFreedom
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.options import require_likelihood

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from calibration.fitting.degrees_of_freedom import quantile
 from calibration.fitting.material import Estimate
 from calibration.fitting.methods import factorise
 from calibration.fitting.neighbourhoods import binned
@@ -21,7 +22,6 @@ from calibration.fitting.problem import FARTHEST as FURTHEST
 from calibration.fitting.search import search
 from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.stages import ComponentFit
-from calibration.fitting.uncertainty import quantile
 from calibration.parameters import LOGIT, NONE
 from calibration.schema import Real
 

@@ -8,6 +8,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.fitting.checks.collected import of_component, of_set
+from calibration.fitting.degrees_of_freedom import quantile
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
@@ -19,7 +20,6 @@ from calibration.fitting.uncertainty import (
     NULL_SHARE,
     RANK_TOLERANCE,
     leverages,
-    quantile,
     uncertainty_of,
 )
 from calibration.fitting.warnings import in_order

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from calibration import symbols
 from calibration.errors import DataError
-from calibration.fitting.uncertainty import quantile
+from calibration.fitting.degrees_of_freedom import quantile
 from calibration.plots import style
 
 TOP = 1.6  # of a profile's picture, in thresholds

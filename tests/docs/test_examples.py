@@ -1,4 +1,4 @@
-"""Worked examples with numbers in docstrings: every room of the physics that is hard to enter has one."""
+"""Worked examples with numbers in docstrings: every room that is hard to enter has one."""
 
 import doctest
 import importlib
@@ -6,10 +6,19 @@ import pkgutil
 
 import pytest
 
+import calibration as cal
 import softjax as sj
 
-NAMES = [module.name for module in pkgutil.walk_packages(sj.__path__, "softjax.")]
-HARD = ("compiling", "mapping", "bridge", "derivatives", "outcome", "motion")
+NAMES = [
+    module.name
+    for package in (sj, cal)
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    if not module.name.endswith("__main__")
+]
+HARD = (
+    *("compiling", "mapping", "bridge", "derivatives", "outcome", "motion"),
+    *("uncertainty", "curvature", "small_samples", "degrees_of_freedom"),
+)
 
 
 @pytest.mark.parametrize("name", NAMES)
