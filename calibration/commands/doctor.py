@@ -51,7 +51,7 @@ def write_schemas(directory: Path) -> None:
     """The JSON Schemas of the files that are read and written."""
     from pydantic import BaseModel
 
-    from calibration.data.materials import MaterialTables
+    from calibration.data.material_tables import MaterialTables
     from calibration.fitting.fit_json import ResultFile
     from calibration.output import files_into, write_text
 

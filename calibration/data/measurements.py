@@ -30,15 +30,9 @@ from calibration.data.contact_time import stated_contact
 from calibration.data.inputs import INSTRUMENTS, Input, OfArrays, Source, standard_uncertainty
 from calibration.data.layout import NO_UNIT
 from calibration.data.point_errors import PointErrors
-from calibration.data.points import (
-    Pair,
-    headers_of,
-    observed_of,
-    points_of,
-    read_rows,
-    rows_blamed,
-)
+from calibration.data.points import observed_of, points_of, rows_blamed
 from calibration.data.repeats import average
+from calibration.data.rows import Pair, headers_of, read_rows
 from calibration.data.track_table import TrackOptions, read_tracks, tracks_in
 from calibration.errors import DataError, InputError, Origin, listed, printable
 from calibration.observables import Observed, scale_of

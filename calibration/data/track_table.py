@@ -17,7 +17,8 @@ from calibration.data.contact_time import ContactTime, of_bodies
 from calibration.data.kinds import TRACKS
 from calibration.data.layout import has_impacts
 from calibration.data.point_errors import PointErrors
-from calibration.data.points import Pair, Points, Rows, air_of, checked_gravity
+from calibration.data.points import Points
+from calibration.data.rows import Pair, Rows, air_of, checked_gravity
 from calibration.data.track_columns import TrackColumns, label_columns, tracks_of
 from calibration.data.tracks import NO_DRAG, BounceTrack, Setting, read_track
 from calibration.data.units import in_si, quantity, unit_of
