@@ -5,23 +5,31 @@ their errors: a scatter of theirs is relative.
 
     V = κ (stated) + s_t² (times of bounces) + s² 1 + τ² Z Zᵀ
 
+Three points, the first two of one group, with a scatter of 0.01 and offsets of groups of 0.02:
+
+>>> import calibration as cal
+>>> data = cal.RestitutionData([1.0, 2.0, 3.0], [0.9, 0.8, 0.7], group=["a", "a", "b"])
+>>> errors, s = Errors.of(data), {"scatter": 1e-4, "group": 4e-4}
+>>> 1e4 * errors.times(errors.factor(s, 0.0, 0.0), np.eye(3)).round(9)
+array([[5., 4., 0.],
+       [4., 5., 0.],
+       [0., 0., 5.]])
+
 A velocity with an error u_v enters ε through the curve. With δ ~ N(0, u_v²), by five Gauss–Hermite
 nodes around the measured velocity,
 
     E[ε] = E f(v + δ),   g = E[f δ]/u_v²,   c = Var f - g² u_v²,
     V_ii = var(δε) - 2 g cov(δε, δv) + g² u_v² + c
 
-which is f + ½ f″ u_v² and f′² u_v² + ½ f″² u_v⁴ where f bends little, and stays right at a kink.
+which is f + ½ f″ u_v² and f′² u_v² + ½ f″² u_v⁴ where f bends little, and stays right at a kink. The true velocity
+is expected to be off by d (`true_velocities`), which adds (g - cov(δε, δv)/u_v²) d to E[ε]. Where ε falls by 0.1
+a m/s, 0.1 m/s counts as much as 0.01 of ε:
 
-A measured velocity is the true one plus its error, so what it tells of the true one depends on how those
-are distributed, and on how u_v goes with v. With ln v ~ N(μ, ω²), where μ is the mean of those measured and
-ω² + mean (u_v/v)² their variance, and u_v in proportion to v^m, the true velocity is expected to be off by
-
-    d = v [(2m - 1) ω² - (ln v - μ)] u_v²/(u_v² + ω² v²)
-
-which adds (g - cov(δε, δv)/u_v²) d to E[ε]. Without it curves are too flat, by 0.3 to 0.5 standard errors
-from 30 velocities to 10 %. m is that of a straight line through ln u_v over ln v, and u_v is taken from
-that line, where it misses them by no more than the errors of v do; else m = ½, which favours no velocity.
+>>> data = cal.RestitutionData([1.0], [0.9], uncertainty=[0.02], velocity_uncertainty=[0.1])
+>>> errors = Errors.of(data)
+>>> curve = errors.measured_curve(1 - 0.1 * errors.nodes)
+>>> float(curve.slope[0].round(9)), float(errors.diagonal({}, *curve[1:])[0].round(9))
+(-0.1, 0.0005)
 
 The density of residuals that share nothing is that of a family in `noise.py`; normal residuals that do have
 
@@ -31,9 +39,7 @@ Everything here works for NumPy and for jax.numpy (`xp`), and for many fits side
 leads: variances (fits,), residuals and slopes (fits, n), columns (fits, n, k).
 
 Source: Woodbury's identity and its square root for a term of rank one in each group; Särkkä, Bayesian
-Filtering and Smoothing (2013), section 5.3, of the statistical linearisation; Gull, in Maximum Entropy
-and Bayesian Methods (1989), p. 511, and Carroll, Ruppert, Stefanski and Crainiceanu, Measurement
-Error in Nonlinear Models (2006), section 4.5, of the distribution of the true velocities.
+Filtering and Smoothing (2013), section 5.3, of the statistical linearisation.
 """
 
 from collections.abc import Mapping
@@ -46,16 +52,15 @@ from jaxtyping import Int
 
 from calibration.data import PointErrors, RestitutionData
 from calibration.fitting.noise import LN_2PI, Family, Normal, broadcast_variance, family_of
+from calibration.fitting.true_velocities import expected_shift, with_power
 from calibration.observables import Observed
 from calibration.options import FitOptions
 
 ROOT = 10**0.5  # of Gauss and Hermite
 NODES = np.sqrt([0, 5 + ROOT, 5 - ROOT, 5 - ROOT, 5 + ROOT]) * [0, -1, -1, 1, 1]
 SHARES = np.array([32, 7 - 2 * ROOT, 7 + 2 * ROOT, 7 + 2 * ROOT, 7 - 2 * ROOT]) / 60
-STEP = 1e-4  # of a velocity: least distance of the nodes, so that differences are no rounding
-SLOWEST = 0.02  # of a velocity: no node lies below
-POWERS = (-1.5, 2.5)  # of v: errors of heights (-1), of velocities (0, 1), of times (2)
-ALONG = 1.5  # times the scatter about a power that errors of v make, of u_v that follow it
+STEP = 1e-4  # of a velocity, the least distance of the nodes: differences are then right to 1e-11
+SLOWEST = 0.02  # of a velocity: no node lies below, where a curve by v^(1/5) has hardly changed
 PLAIN = FitOptions()
 CALLED = {"scatter": "noise"}  # in θ the square root of a variance; others have one name
 Variances = Mapping[str, Any]
@@ -93,7 +98,7 @@ class Errors:
     degrees: float | None
     velocity: np.ndarray  # the measured velocities, and up to where a node may lie [m/s]
     fastest: Any
-    shift: Any = 0.0  # d, see above [m/s]
+    shift: Any = 0.0  # d, of `true_velocities` [m/s]
     log_unit: Any = 0.0  # ln of the unit of each value, so that densities are those of values in SI
     # the group of each point, whether or not they have an offset; None without groups
     labels: Int[np.ndarray, " n"] | None = None
@@ -127,7 +132,7 @@ class Errors:
         limit = np.asarray(np.inf if data.limit_velocity is None else data.limit_velocity)
         limit = limit[rows] if limit.ndim else limit
         velocity = data.velocity[rows]
-        points, power = _with_power(points, velocity)
+        points, power = with_power(points, velocity)
         errors = cls(
             points,
             group if has_groups else None,
@@ -141,7 +146,7 @@ class Errors:
         )
         # times of a train, good to parts of a thousand, are in two points each
         u_v = 0.0 * velocity if points.shares else errors._of_velocity
-        return replace(errors, shift=_expected_shift(velocity, u_v, power))
+        return replace(errors, shift=expected_shift(velocity, u_v, power))
 
     @classmethod
     def known(cls, velocity: np.ndarray, variance: Any) -> "Errors":
@@ -525,28 +530,3 @@ class Errors:
         rows = xp.moveaxis(values, -2, 0)
         summed = jax.ops.segment_sum(rows, self.group, int(np.max(self.group)) + 1)
         return xp.moveaxis(summed, 0, -2)
-
-
-def _expected_shift(velocity: np.ndarray, uncertainty: np.ndarray, power: float) -> np.ndarray:
-    """d of each velocity, (n,) [m/s]; `power` is m."""
-    if len(velocity) < 2 or not np.any(uncertainty):
-        return np.zeros(len(velocity))
-    place, square = np.log(velocity), (uncertainty / velocity) ** 2
-    spread = np.maximum(np.var(place, ddof=1) - np.mean(square), 0.0)
-    towards = np.mean(place) - place + (2 * power - 1) * spread
-    return velocity * towards * square / np.where(square > 0, square + spread, 1.0)
-
-
-def _with_power(points: PointErrors, velocity: np.ndarray) -> tuple[PointErrors, float]:
-    """Errors of velocities along a power of these, and m; see above."""
-    u_v = points.u_velocity
-    if u_v is None or np.any(points.to_velocity) or np.min(u_v) <= 0 or np.ptp(velocity) == 0:
-        return points, 0.5
-    place, size = np.log(velocity) - np.mean(np.log(velocity)), np.log(u_v)
-    power = float(place @ size / (place @ place))
-    line = np.mean(size) + power * place
-    share = np.exp(line) / velocity  # moves ln v, and the line along
-    allowed = ALONG * abs(power) * np.mean(share**2) ** 0.5
-    if np.mean((size - line) ** 2) ** 0.5 > allowed + 1e-9 or not POWERS[0] <= power <= POWERS[1]:
-        return points, 0.5
-    return replace(points, u_velocity=np.exp(line)), power

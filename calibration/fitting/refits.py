@@ -12,12 +12,8 @@ from jaxtyping import Bool, Float, Int
 from calibration.fitting.problem import AT_ONCE, Batch, Linear, Problem
 from calibration.fitting.search import Ends, search
 from calibration.fitting.stages import ComponentFit, along_valley
-from calibration.fitting.variances import (
-    estimated,
-    needs_variances,
-    relative_covariance,
-    variances_at,
-)
+from calibration.fitting.variance_updates import needs_variances, variances_at
+from calibration.fitting.variances import estimated, relative_covariance
 
 STEPS = 200  # of one refit
 ROUNDS = 12  # of a refit and its variances in turn

@@ -21,6 +21,7 @@ from calibration.fitting.budget import (
 from calibration.fitting.estimates import FitEstimates
 from calibration.fitting.line import fit_line, with_inputs
 from calibration.fitting.material import Estimate, MaterialFit
+from calibration.fitting.pools import pooled_estimates
 from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.request import Request
 from calibration.fitting.search import OPTIMISERS, one_thread
@@ -30,7 +31,6 @@ from calibration.fitting.stages import (
     likelihood_of,
 )
 from calibration.fitting.summary import results_at, summarise
-from calibration.fitting.variances import pooled_estimates
 from calibration.fitting.warnings import FitWarning, in_order
 from calibration.options import idle
 

@@ -17,6 +17,7 @@ from calibration.fitting.laws import OF_CONTACT, SPRINGS, sigma_of
 from calibration.fitting.levels import Offsets, offsets_of
 from calibration.fitting.methods import TINY, QRFactors, factorise
 from calibration.fitting.neighbourhoods import binned
+from calibration.fitting.pools import LEAST_SPREAD, estimate_of_pool
 from calibration.fitting.problem import Problem
 from calibration.fitting.request import Component, Request, assemble
 from calibration.fitting.search import (
@@ -29,9 +30,7 @@ from calibration.fitting.search import (
 )
 from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.uncertainty import Uncertainty, uncertainty_of
-from calibration.fitting.variances import (
-    LEAST_SPREAD,
-    estimate_of_pool,
+from calibration.fitting.variance_updates import (
     first_variances,
     is_single_variance,
     needs_variances,

@@ -1,43 +1,45 @@
-"""Unknown variances of the errors by restricted maximum likelihood, and the spread of pools.
+"""Unknown variances of the errors by restricted maximum likelihood.
 
     -2 ln L_R = -2 ln p(data | θ, s) + ln det (A₀ + Jᵀ V⁻¹ J) - bᵀ (A₀ + Jᵀ V⁻¹ J)⁻¹ b
 
 with J the slopes of the predictions in θ, A₀ and b₀ what the other data and the priors know of the
 parameters, b = b₀ + Jᵀ V⁻¹ r. The parameters that the curve costs are accounted for, so that the variance
-of residuals of n points and p parameters is Σ r²/(n - p). Student's t has information (ν + 1)/(ν + 3)
-Jᵀ V⁻¹ J, and no b: the residuals are those at the minimum once all has settled. Many fits go side by side,
-in a damped Newton search of the logarithms.
+of residuals of n points and p parameters is Σ r²/(n - p): of four about their mean
 
-Pooled parameters of several sets lie around a common mean, z_g ~ N(μ, τ²) on the scale that is searched.
-The data give ẑ with covariance A⁻¹, all other parameters at their best; then ẑ ~ N(μ 1, Σ) with
-Σ = A⁻¹ + τ² 1, and τ is where -2 ln L_R = ln det Σ + ln 1ᵀ Σ⁻¹ 1 + (ẑ - μ)ᵀ Σ⁻¹ (ẑ - μ) is least.
+>>> r, nothing = np.array([[0.03, 0.01, -0.03, -0.01]]), np.zeros((1, 4))
+>>> free = np.array([[True]])
+>>> block = BlockResiduals(r, np.ones((1, 4, 1)), nothing, nothing, np.zeros((1, 1, 1)), None, free)
+>>> import calibration as cal
+>>> errors = Errors.of(cal.RestitutionData(np.ones(4), [0.84, 0.86, 0.90, 0.88]))
+>>> estimated(errors, block)["scatter"].round(6)  # 0.002/3
+array([0.000667])
+>>> estimated(errors, block, restricted=False)["scatter"].round(6)  # 0.002/4
+array([0.0005])
+
+Student's t has information (ν + 1)/(ν + 3) Jᵀ V⁻¹ J, and no b: the residuals are those at the minimum once the
+variances have converged. Many fits go side by side, in a damped Newton search of the logarithms.
 
 Source: Patterson and Thompson, Biometrika 58, 545 (1971); Lange, Little and Taylor, J. Am. Stat. Assoc.
-84, 881 (1989), of the information of t errors; Harville, J. Am. Stat. Assoc. 72, 320 (1977), of pools."""
+84, 881 (1989), of the information of t errors."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
-from scipy import special
 
 from calibration.fitting.errors import Errors
-from calibration.fitting.material import Estimate
-from calibration.fitting.problem import Batch, BlockResiduals, Pool, Problem
+from calibration.fitting.problem import BlockResiduals
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
 NONE = 1e-7  # the same, below which it counts as none
-STEP = 1e-2  # in the logarithm of a variance
+STEP = 1e-2  # in the logarithm of a variance: differences of fourth order are then right to 1e-9
 RIDGE = 1e-12  # of the information, where parameters are not separate
-LONGEST = 2.0  # step in a logarithm
-ROUNDS, HALVINGS = 60, 25
-ARRIVED = 1e-8  # of a step: it is the last
+LONGEST = 2.0  # step in a logarithm of a variance
+ROUNDS, HALVINGS = 60, 25  # Newton's steps, and how often one is halved
+ARRIVED = 1e-8  # step in a logarithm: it is the last
 FEW = 20_000  # points of all fits, up to which the search begins from several places
-SETTLED = 1e-5  # relative change of a variance, or of a spread
 
 Estimated = dict[str, np.ndarray]
 
@@ -280,207 +282,3 @@ class _Search:
                 break
             going, search = going[further], search.select(further)
         return y
-
-
-FIRST_GROUP = 0.1  # of the variance of a point, offsets of groups where a search begins
-
-
-def needs_variances(problem: Problem) -> bool:
-    """Whether variances are found together with the parameters, as something is weighed against them."""
-    if all(is_single_variance(problem, g) for g in range(len(problem.errors))):
-        return False
-    return any(errors.unknown for errors in problem.errors) or bool(problem.pools)
-
-
-def is_single_variance(problem: Problem, g: int) -> bool:
-    """Whether one scatter is all that is unknown of a block, and nothing is weighed against it."""
-    priors = bool(problem.pools) or any(e.parameter.prior is not None for e in problem.elements)
-    several = problem.joint and len(problem.errors) > 1
-    errors = problem.errors[g]
-    return errors.is_plain and errors.noise.is_least_squares and not (priors or several)
-
-
-def first_variances(problem: Problem, z: np.ndarray) -> Problem:
-    """First estimate of the variances, from the residuals at z."""
-    starts = []
-    first = problem.bare.linearise(z[None], slopes=False).prediction[0]
-    for errors, span in zip(problem.errors, problem.spans, strict=True):
-        square = max(float(np.mean((first - problem.points.value)[span] ** 2)), 1e-30)
-        of_second = float(np.mean(errors.variance({"timing": 1.0}, 0.0, 0.0) + np.zeros(1)))
-        guess = {
-            "scatter": 1.0 if errors.unknown == ("scatter",) and errors.is_plain else square,
-            "group": square,
-            "scale": 1.0,
-            "timing": square / max(of_second, 1e-300),
-        }
-        starts.append({kind: guess[kind] for kind in errors.unknown})
-    problem = replace(problem, variances=tuple(starts))
-    return update_variances(problem, z) if needs_variances(problem) else problem
-
-
-def with_level(problem: Problem) -> Problem | None:
-    """The problem with offsets of groups too small to carry the curve's level; None without groups.
-
-    Far from the points residuals have a mean that an estimate takes for offsets, and these leave the level free:
-    a search may end there, and another that begins with the level does not.
-    """
-    if not any("group" in s for s in problem.variances):
-        return None
-    pairs = zip(problem.errors, problem.variances, strict=True)
-    return replace(problem, variances=tuple(_with_level(*pair) for pair in pairs))
-
-
-def _with_level(errors: Errors, s: Mapping[str, Any]) -> dict[str, Any]:
-    if "group" not in s:
-        return dict(s)
-    rest = {kind: value for kind, value in s.items() if kind != "group"}
-    apart = float(np.mean(errors.variance(rest, 0.0, 0.0) + np.zeros(1)))
-    return {**s, "group": min(float(s["group"]), FIRST_GROUP * apart)}
-
-
-def variances_at(
-    problem: Problem, z: Float[np.ndarray, "fits p"], batch: Batch | None = None, restricted=True
-) -> tuple[dict[str, np.ndarray], ...]:
-    """s of each data set and fit, from the residuals at z."""
-    before = problem.variances if batch is None or batch.variances is None else batch.variances
-    estimates = []
-    every = zip(problem.errors, before, problem.residuals_at(z, batch), strict=True)
-    for errors, s, block in every:
-        estimates.append(estimated(errors, block, restricted, s) if errors.unknown else {})
-    return tuple(estimates)
-
-
-def update_variances(
-    problem: Problem, z: np.ndarray, restricted: bool = True, bound_side: Any = None
-) -> Problem:
-    """The problem with variances and spreads of pools as of z, `bound_side` as of `estimate_of_pool`."""
-    if any(errors.unknown for errors in problem.errors):
-        estimates = variances_at(problem, z[None], None, restricted)
-        single = [{kind: float(value[0]) for kind, value in table.items()} for table in estimates]
-        problem = replace(problem, variances=tuple(single))
-    pools = [
-        p._replace(spread=estimate_of_pool(problem, z, p, bound_side).spread) for p in problem.pools
-    ]
-    return replace(problem, pools=tuple(pools)) if pools else problem
-
-
-def variances_converged(before: Problem, after: Problem) -> bool:
-    """Whether two problems have the same variances and spreads of pools."""
-    was, now = (
-        [*(s[kind] for s in p.variances for kind in s), *(pool.spread for pool in p.pools)]
-        for p in (before, after)
-    )
-    return np.allclose(was, now, rtol=SETTLED, atol=0)
-
-
-LEAST_SPREAD, MOST_SPREAD = 1e-4, 30.0  # of a spread, in z
-POOL_RIDGE = 1e-10  # of the largest information: a data set without information of its own
-
-
-@dataclass(frozen=True)
-class PoolEstimate:
-    """The data's estimate of a pool's members: ẑ and its covariance."""
-
-    place: np.ndarray
-    covariance: np.ndarray
-
-    def mean(self, spread: float) -> tuple[float, float, float]:
-        """μ, its standard error, and -2 ln L_R."""
-        total = self.covariance + spread**2 * np.eye(len(self.place))
-        inverse = np.linalg.inv(total)
-        information = float(np.sum(inverse))
-        mean = float(np.sum(inverse @ self.place)) / information
-        logs = float(np.linalg.slogdet(total)[1]) + float(np.log(information))
-        residual = self.place - mean
-        return mean, information**-0.5, logs + float(residual @ inverse @ residual)
-
-    def minus_two_log(self, spread: float) -> float:
-        """Term that integrating over the members and their mean adds to -2 ln p at their best."""
-        count = len(self.place)
-        around = (np.eye(count) - 1 / count) / spread**2
-        determinant = np.linalg.slogdet(np.linalg.inv(self.covariance) + around)[1]
-        return float(determinant) + 2 * (count - 1) * float(np.log(spread))
-
-    def at(self, log: float) -> float:
-        """-2 ln L_R at the logarithm of a spread."""
-        return self.mean(float(np.exp(log)))[2]
-
-    @property
-    def spread(self) -> float:
-        """Spread at the maximum of L_R."""
-        from scipy.optimize import minimize_scalar
-
-        ends = np.log(LEAST_SPREAD), np.log(MOST_SPREAD)
-        places = np.linspace(*ends, 25)
-        best = places[int(np.argmin([self.at(x) for x in places]))]
-        near = (max(best - 0.6, ends[0]), min(best + 0.6, ends[1]))
-        minimum = minimize_scalar(self.at, bounds=near, method="bounded", options={"xatol": 1e-8})
-        return float(np.exp(minimum.x)) if minimum.fun < self.at(ends[0]) else LEAST_SPREAD
-
-    def crossing(self, start: float, end: float, level: float) -> float | None:
-        """The spread between two of them where -2 ln L_R reaches a level."""
-        from scipy.optimize import brentq
-
-        first, last = float(np.log(start)), float(np.log(end))
-        if self.at(last) <= level or first == last:
-            return None
-        return float(np.exp(brentq(lambda log: self.at(log) - level, first, last, xtol=1e-10)))
-
-
-def estimate_of_pool(
-    problem: Problem, z: np.ndarray, pool: Pool, bound_side: Any = None
-) -> PoolEstimate:
-    """Estimates of a pool's members from the data and the priors of other parameters, without the pool.
-
-    Args:
-        bound_side: +1 or -1 for active elements at an end of their range, which follow nothing, else 0.
-    """
-    linear = problem.linearise(z[None])
-    first = problem.count + len(problem.with_prior)
-    for other in problem.pools:
-        if other.name == pool.name:
-            break
-        first += len(other.members)
-    rows = np.arange(linear.residual.shape[1])
-    others = (rows < first) | (rows >= first + len(pool.members))
-    jacobian, residual = linear.jacobian[0, others], linear.residual[0, others]
-    members = np.searchsorted(problem.active, pool.members)
-    held = (
-        np.zeros(len(problem.active), bool) if bound_side is None else np.asarray(bound_side) != 0
-    )
-    rest = np.delete(np.where(held, 0.0, jacobian), members, axis=1)
-    mine = np.c_[jacobian[:, members], residual]  # less what the others make up for
-    mine = mine - rest @ np.linalg.lstsq(rest, mine, rcond=1e-9)[0]
-    slopes, residual = mine[:, :-1], mine[:, -1]
-    information = slopes.T @ slopes
-    count = len(pool.members)
-    information += POOL_RIDGE * max(float(np.max(np.diag(information))), 1e-300) * np.eye(count)
-    covariance = np.linalg.inv(information)
-    return PoolEstimate(z[list(pool.members)] - covariance @ slopes.T @ residual, covariance)
-
-
-def pooled_estimates(fits: Sequence[Any], confidence: float) -> dict[str, Estimate]:
-    """Mean, in physical units, and spread of each pool of all components, "chi" and "chi_spread".
-
-    The limits of a spread are where the restricted likelihood falls by half the χ² quantile.
-    """
-    estimates = {}
-    every = ((f.final, f.z, p) for f in fits for p in f.final.problem.pools)
-    for final, z, pool in every:
-        problem, bound_side = final.problem, final.bound_side
-        estimate = estimate_of_pool(problem, z, pool, bound_side)
-        transform = problem.transform.part(np.array(pool.members[:1]))
-        mean, error, least = estimate.mean(pool.spread)
-        reach = float(special.stdtrit(len(pool.members) - 1, 0.5 * (1 + confidence))) * error
-        value, low, high = (
-            float(transform.physical(np.array([mean + sign * reach]))[0]) for sign in (0, -1, 1)
-        )
-        slope = abs(float(transform.slope(np.array([mean]))[0]))
-        estimates[pool.name] = Estimate(value, slope * error, low, high, "wald", True)
-        level = least + float(special.chdtri(1, 1 - confidence))
-        ends = [estimate.crossing(pool.spread, end, level) for end in (LEAST_SPREAD, MOST_SPREAD)]
-        value = pool.spread if pool.spread > 2 * LEAST_SPREAD else 0.0
-        estimates[pool.spread_name] = Estimate(
-            value, None, ends[0] or 0.0, ends[1], "profile", True
-        )
-    return estimates
