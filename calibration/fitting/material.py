@@ -98,6 +98,8 @@ class Outlier:
         observable: what was measured, of `calibration.observables`.
         robust: whether a robust fit (Student's t, its scale estimated) leaves it apart from the others;
             None where none was made.
+        robust_residual: of one that is apart, about the curve of the robust fit, over the standard deviation
+            of the others.
     """
 
     row: int
@@ -108,6 +110,7 @@ class Outlier:
     weight: float
     observable: str = RESTITUTION
     robust: bool | None = None
+    robust_residual: float | None = None
 
     @property
     def restitution(self) -> float | None:
@@ -120,7 +123,10 @@ class Outlier:
         what = f"{of.symbol} = {self.value:.4g}" + ("" if of.unit == "-" else f" {of.unit}")
         point = f"{place}, v = {self.velocity:.4g} m/s, {what}"
         weight = "" if self.weight == 1 else f", weight {self.weight:.2g}"
-        return f"{point}: {self.residual:+.3g} standard deviations{weight}"
+        text = f"{point}: {self.residual:+.3g} standard deviations{weight}"
+        by_robust = self.robust_residual or 0.0
+        is_hidden = abs(by_robust) > abs(self.residual)
+        return text + f", {by_robust:+.3g} by a robust fit" * is_hidden
 
 
 @dataclass(frozen=True)

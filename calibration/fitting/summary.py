@@ -1,6 +1,6 @@
 """Each data set's part of a result: estimates, what follows from them, goodness of fit."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -59,8 +59,9 @@ def _with_robust(
 ) -> list[MaterialFit]:
     """The outliers that a robust fit leaves first: Student's t with its scale estimated, from where the fit ended.
 
-    Around a curve that one point pulls away most others lie beyond their noise too. No such fit is made of
-    many points, nor of errors that points share.
+    Around a curve that one point pulls away most others lie beyond their noise too; where a scatter is
+    estimated, it grows by that one, and others hide in it. No such fit is made of many points, nor of errors
+    that points share.
     """
     name, problem = fit.component.stages[0]
     plain = all(
@@ -71,27 +72,28 @@ def _with_robust(
     if not is_possible or not any(part.outliers for part in materials):
         return materials
     errors = [
-        replace(e, noise=family, unknown=("scatter",))
+        replace(e, noise=heavy.family, unknown=("scatter",))
         for e in problem.errors
-        if (family := e.noise.robust) is not None
+        if (heavy := e.noise.robust) is not None
     ]
     quick = options.model_copy(update=PLAIN | {"starts": 1})
     stage = run_stage(name, replace(problem, errors=tuple(errors)), fit.z, quick)
     known = uncertainty_of([(stage.problem, stage.bound_side)], stage.z)
     robust = replace(fit, stages=(stage,), z=stage.z, uncertainty=known)
-    far_from_robust = {
-        (block.set, block.observable, outlier.row)
-        for k, block in enumerate(problem.blocks)
-        for outlier in _goodness(robust, k).outliers
-    }
-    marked = []
-    for g, part in enumerate(materials):
-        outliers = [
-            replace(o, robust=(g, o.observable, o.row) in far_from_robust) for o in part.outliers
+    marked: list[list[Outlier]] = [[] for _ in materials]
+    for k, block in enumerate(problem.blocks):
+        heavy = problem.errors[k].noise.robust
+        assert heavy is not None
+        found = _goodness(robust, k, heavy.apart).outliers
+        apart = {o.row: heavy.scale * o.residual for o in found}
+        marked[block.set] += [
+            replace(o, robust=o.row in apart, robust_residual=apart.get(o.row))
+            for o in _goodness(fit, k, named=apart).outliers
         ]
+    for outliers in marked:
         outliers.sort(key=lambda outlier: not outlier.robust)
-        marked.append(replace(part, outliers=tuple(outliers)))
-    return marked
+    pairs = zip(materials, marked, strict=True)
+    return [replace(part, outliers=tuple(outliers)) for part, outliers in pairs]
 
 
 def _material(fit: ComponentFit, g: int, by_element, options, of_fit) -> MaterialFit:
@@ -173,8 +175,19 @@ def _determined_between(fit: ComponentFit, g: int) -> tuple[float, float]:
     return known_from, (np.inf if chi_told else float(np.min(critical)))
 
 
-def _goodness(fit: ComponentFit, k: int) -> Goodness:
-    """Goodness of fit for one observable of a data set."""
+def _goodness(
+    fit: ComponentFit,
+    k: int,
+    limit_of: Callable[[int, float], float] | None = None,
+    named: Collection[int] = (),
+) -> Goodness:
+    """Goodness of fit for one observable of a data set.
+
+    Args:
+        limit_of: of so many points and residual degrees of freedom the size of a residual that makes an
+            outlier; that of the noise where left out.
+        named: rows that are listed as outliers, too.
+    """
     problem, first = fit.final.problem, fit.stages[0].problem  # which knows what the points share
     (place, observable, span), errors, s = first.blocks[k], first.errors[k], first.variances[k]
     data = first.datasets[place]
@@ -208,14 +221,17 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
     size = np.abs(conditional) / np.sqrt(np.maximum(1 - leverage, 1e-3))
     # noise of no more than rounding, of data without scatter, explains nothing and names nothing
     size = np.where((deviation > NO_ERRORS) & (np.max(np.abs(residual)) > NO_ERRORS), size, 0.0)
-    limit = family.farthest(len(residual))
+    count = len(residual)
+    limit = family.farthest(count) if limit_of is None else limit_of(count, residual_dof)
     weighted, share = (
         linear.residual[0, : problem.count][span] / allowed,
         family.weight(conditional),
     )
     standardised, weight = weighted / np.sqrt(share), share / family.weight(0 * conditional)
     lines = () if data.origin is None else data.origin.lines
-    farthest = np.argsort(-size, kind="stable")[:MOST_OUTLIERS]
+    is_named = np.isin(rows + 1, [*named])
+    farthest = np.lexsort((-size, ~is_named))
+    farthest = farthest[((size > limit) | is_named)[farthest]][:MOST_OUTLIERS]
     outliers = (
         Outlier(
             row=int(rows[i]) + 1,
@@ -226,7 +242,7 @@ def _goodness(fit: ComponentFit, k: int) -> Goodness:
             weight=float(weight[i]),
             observable=observable,
         )
-        for i in farthest[size[farthest] > limit]
+        for i in farthest
     )
     offsets: dict[str, tuple[float, float | None]] = {}
     if (predicted := fit.offsets.get(k)) is not None:

@@ -1,5 +1,7 @@
 """What a report begins with, which outliers it names, its points, and what it writes where a picture fails."""
 
+from dataclasses import replace
+
 import matplotlib
 import numpy as np
 import pandas as pd
@@ -29,7 +31,7 @@ def drops(slips=()):
 
 @pytest.fixture(scope="module")
 def misfit():
-    return cal.fit(drops([(SLIP, 0.3), (LOW, -0.12)]), "thornton", profiles=False)
+    return cal.fit(drops([(SLIP, 0.3), (LOW, -0.055)]), "thornton", profiles=False)
 
 
 def test_where_no_interval_holds_the_first_sentence_says_so_and_gives_none(misfit):
@@ -49,7 +51,7 @@ def test_where_no_interval_holds_the_first_sentence_says_so_and_gives_none(misfi
 
 
 def test_of_many_points_beyond_the_noise_those_that_a_robust_fit_leaves_are_named(misfit):
-    """Around a curve that two slips pull away others lie beyond their noise, too."""
+    """Around a curve that one slip pulls away others lie beyond their noise, too; the lesser one is 5.5 σ off."""
     outliers = misfit.outliers
     assert len(outliers) > 4
     assert [o.row - 1 for o in outliers if o.robust] == [SLIP, LOW]
@@ -60,6 +62,35 @@ def test_of_many_points_beyond_the_noise_those_that_a_robust_fit_leaves_are_name
     assert [line.split(",")[0].strip() for line in lines[head + 1 :]] == ["row 8", "row 16"]
     heavy = cal.fit(drops([(SLIP, 0.3)]), "thornton", noise="student-t", profiles=False)
     assert {outlier.robust for outlier in heavy.outliers} == {None}
+
+
+def test_what_hides_in_the_scatter_that_a_slip_makes_is_named_with_its_size_by_a_robust_fit():
+    """A slip of 0.3 makes the estimated scatter 0.06: one of 0.055 is 5.5 times the noise of the others."""
+    both = drops([(SLIP, 0.3), (LOW, -0.055)])
+    result = cal.fit(both, "thornton", extra_scatter=True, profiles=False)
+    assert [(o.row - 1, o.robust) for o in result.outliers] == [(SLIP, True), (LOW, True)]
+    hidden = result.outliers[1]
+    assert abs(hidden.residual) < 2
+    # about the curve without the slips; they widen the scale of heavy tails a little
+    keep = [k for k in range(24) if k not in (SLIP, LOW)]
+    alone = cal.fit(
+        replace(
+            both,
+            **{n: getattr(both, n)[keep] for n in ("velocity", "restitution", "uncertainty")},
+            errors=None,
+        ),
+        "thornton",
+        extra_scatter=True,
+        profiles=False,
+    )
+    off = both.restitution[LOW] - alone.band(both.velocity[LOW]).coefficient
+    assert hidden.robust_residual == pytest.approx(
+        off / np.hypot(0.002, alone.material().noise), rel=0.25
+    )
+    (line,) = [line for line in str(result).splitlines() if "row 16" in line]
+    assert f"{hidden.robust_residual:+.3g} by a robust fit" in line
+    without = cal.fit(drops([(SLIP, 0.3)]), "thornton", extra_scatter=True, profiles=False)
+    assert [o.row - 1 for o in without.outliers] == [SLIP]
 
 
 def test_points_are_in_a_table_beside_the_report(misfit, tmp_path):
