@@ -51,7 +51,7 @@ def test_where_no_interval_holds_the_first_sentence_says_so_and_gives_none(misfi
 
 
 def test_of_many_points_beyond_the_noise_those_that_a_robust_fit_leaves_are_named(misfit):
-    """Around a curve that one slip pulls away others lie beyond their noise, too; the lesser one is 5.5 σ off."""
+    """Around a curve that one slip pulls away others lie beyond their noise, too. The smaller slip is 5.5 times the noise."""
     outliers = misfit.outliers
     assert len(outliers) > 4
     assert [o.row - 1 for o in outliers if o.robust] == [SLIP, LOW]
@@ -65,7 +65,7 @@ def test_of_many_points_beyond_the_noise_those_that_a_robust_fit_leaves_are_name
 
 
 def test_what_hides_in_the_scatter_that_a_slip_makes_is_named_with_its_size_by_a_robust_fit():
-    """A slip of 0.3 makes the estimated scatter 0.06: one of 0.055 is 5.5 times the noise of the others."""
+    """An error of 0.3 makes the estimated scatter 0.06. The other is 5.5 times the noise of all but these."""
     both = drops([(SLIP, 0.3), (LOW, -0.055)])
     result = cal.fit(both, "thornton", extra_scatter=True, profiles=False)
     assert [(o.row - 1, o.robust) for o in result.outliers] == [(SLIP, True), (LOW, True)]
