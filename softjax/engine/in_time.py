@@ -189,6 +189,15 @@ def _started(like: Numbers) -> State:
     return State(jnp.zeros_like(like), jnp.ones_like(like))
 
 
+def _there_and_back(law, y, route: Any, approach: Branch, rebound: Branch):
+    """The motion with its largest overlap, and where the approach and the rebound from there end."""
+    motion = _motion(law, y)
+    up = _end(approach, motion, _started(y), route)
+    top = jnp.where(up.reached, up.state.overlap, 1.0)
+    motion = motion._replace(top=top)
+    return motion, up, _end(rebound, motion, State(top, jnp.zeros_like(top)), route)
+
+
 # rate-independent laws
 
 
@@ -215,11 +224,8 @@ def rate_independent(
     law: ReducedRateIndependent, y, speed_ratio, route: Any, *, clock=False, force=False
 ) -> Collision:
     """One collision beyond the elastic stage."""
-    motion = _motion(law, y)
-    up = _end(LOADING, motion, _started(y), route)
-    top = jnp.where(up.reached, up.state.overlap, 1.0)
-    motion = motion._replace(top=top)
-    down = _end(UNLOADING, motion, State(top, jnp.zeros_like(top)), route)
+    motion, up, down = _there_and_back(law, y, route, LOADING, UNLOADING)
+    top = motion.top
     positive = _releases(UNLOADING, motion, down.state)
     inside = State(down.state.overlap * (1 + ASIDE), down.state.velocity)
     jumps = positive & (_remaining(motion, inside) > JUMP)
@@ -267,13 +273,10 @@ def rate_dependent(
     law: ReducedRateDependent, y, speed_ratio, route: Any, *, clock=False, force=False
 ) -> Collision:
     """One collision at y > 0."""
-    motion = _motion(law, y)
-    up = _end(APPROACH, motion, _started(y), route)
-    top = jnp.where(up.reached, up.state.overlap, 1.0)
-    motion = motion._replace(top=top)
     stays = law.ends_at == "zero-force"
     branch = TO_ZERO_FORCE if stays else TO_ZERO_OVERLAP
-    down = _end(branch, motion, State(top, jnp.zeros_like(top)), route)
+    motion, up, down = _there_and_back(law, y, route, APPROACH, branch)
+    top = motion.top
     residual = jnp.where(_releases(branch, motion, down.state), down.state.overlap, 0.0)
     collision = outcome.damped(
         energy=jnp.square(down.state.velocity),
