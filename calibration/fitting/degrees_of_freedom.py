@@ -77,10 +77,16 @@ class DegreesOfFreedom:
         return np.maximum(np.where(np.isnan(degrees), np.inf, degrees), FEWEST)
 
     def physical(
-        self, slope: Float[np.ndarray, " p"], covariance_known_noise: Matrix
+        self,
+        slope: Float[np.ndarray, " p"],
+        covariance_known_noise: Matrix,
+        se_inflation: Float[np.ndarray, " p"],
     ) -> "DegreesOfFreedom":
-        """Degrees of freedom in physical parameters, with dθ/dz; `covariance_known_noise` is that in z."""
-        both = np.outer(slope, slope)
+        """Degrees of freedom in physical parameters, with dθ/dz; `covariance_known_noise` is that in z.
+
+        Each part is the same share of the inflated covariance, which a result has.
+        """
+        both = np.outer(slope * se_inflation, slope * se_inflation)
         if self.parts.size <= MOST_NUMBERS:
             variance = np.diagonal(self.parts, axis1=1, axis2=2)
             acts = variance > NO_PART * np.abs(np.diagonal(covariance_known_noise))

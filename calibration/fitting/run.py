@@ -100,7 +100,10 @@ def _run(
         optimiser_report=tuple(stage.report for stage in stages),
         profiles={label: curve for profiles in curves for label, curve in profiles.items()},
         dof_by_component=tuple(
-            f.uncertainty.dof.physical(f.slope, f.uncertainty.covariance_known_noise) for f in fits
+            f.uncertainty.dof.physical(
+                f.slope, f.uncertainty.covariance_known_noise, f.uncertainty.se_inflation
+            )
+            for f in fits
         ),
         settings=_settings(request, fits),
         versions={name: _version(name) for name in PACKAGES},
