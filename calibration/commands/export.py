@@ -22,13 +22,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("requirements").add_argument
     add("--range", metavar="V:V", help="impact velocities [m/s] (default: those of the data)")
     add("--tolerance", type=float, default=0.01, metavar="X", help="largest error of ε (0.01)")
-    add("--overlap", type=float, metavar="X", help="largest overlap over radius: softer springs")
+    add(
+        "--overlap",
+        type=float,
+        metavar="X",
+        help="softer springs, up to this largest overlap over the radius",
+    )
     add("--steps", type=int, metavar="N", help="time steps in the shortest contact")
     text = "g [m/s²], whose weight is within the error (default: the file's, else 9.80665); 0: none"
     add("--gravity", type=float, metavar="G", help=text)
     text = "below the range: the law as it is (none), or the ε of the lowest velocity (hold)"
     add("--below", choices=("none", "hold"), default="none", help=text)
-    text = "radii of atom types 1, 2, … [m]"
+    text = "radii of atom types 1, 2, … [m]: the tolerance holds for all their pairs"
     add("--sizes", nargs="+", type=float, metavar="R", help=text)
     add = parser.add_argument_group("particle code").add_argument
     add(

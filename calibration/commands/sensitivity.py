@@ -26,15 +26,20 @@ FILES = (
 PLANS = ("information", "design")
 # option: its studies, type, placeholder of the value, and help text
 OPTIONS: dict[str, tuple[tuple[str, ...], Any, str, str]] = {
-    "points": (("local",), int, "N", "of a curve (200)"),
-    "at": (("local",), float, "V", "velocities of bars [m/s]"),
-    "seed": (("design",), int, "N", "default: 0"),
-    "uncertainty": (PLANS, float, "U", "of ε (the fit's, or 0.01)"),
-    "shots": (PLANS, int, "N", "planned ones (30)"),
+    "points": (("local",), int, "N", "velocities of a curve (200)"),
+    "at": (("local",), float, "V", "velocities of the bars [m/s]"),
+    "seed": (("design",), int, "N", "of the search (0)"),
+    "uncertainty": (PLANS, float, "U", "standard uncertainty of each ε (the fit's, or 0.01)"),
+    "shots": (PLANS, int, "N", "number of planned shots (30)"),
     "free": (PLANS, str, "NAME[=SD]", "a further parameter to fit, known to SD beforehand"),
-    "fix": (PLANS, str, "NAME", "one that is not fitted"),
+    "fix": (PLANS, str, "NAME", "a parameter that is not fitted"),
     "precision": (("design",), str, "U%", "as few shots as determine the target to this, 5%"),
-    "criterion": (("design",), str, "c|D", "of the design (c)"),
+    "criterion": (
+        ("design",),
+        str,
+        "c|D",
+        "of the design: the standard error of --target (c, default), the determinant of the covariance (D)",
+    ),
     "target": (
         ("design",),
         str,
@@ -52,7 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_source_arguments(parser)
     add_route_arguments(parser)
     add = parser.add_argument_group("study").add_argument
-    add("--study", choices=(*STUDIES, "all"), default="local", help="default: local")
+    text = "θ ∂ε/∂θ of each input (local, default); errors after planned shots (information); best shots (design)"
+    add("--study", choices=(*STUDIES, "all"), default="local", help=text)
     add("--from", dest="first", type=float, metavar="V", help="lowest v [m/s]")
     add("--to", dest="last", type=float, metavar="V", help="highest v [m/s]")
     for name, (studies, kind, metavar, text) in OPTIONS.items():

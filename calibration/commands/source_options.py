@@ -18,12 +18,12 @@ def add_source_arguments(parser: argparse.ArgumentParser, posterior: bool = Fals
     add("--fit", metavar="FIT.json", type=Path, help="a result of softjax fit")
     if posterior:
         add("--posterior", metavar="FILE.nc", type=Path, help="draws of --fit: the band is theirs")
-    text = "of FILE.toml's material by Eq. (18) through the materials of a fit"
+    text = "the law of FILE.toml's material by Eq. (18) through the materials of a fit"
     add("--line", metavar="FIT.json", type=Path, help=text)
     text = "restitution at first yield, in place of sigma"
     add("--eps-up", type=float, metavar="X", help=text)
     add("--material", metavar="NAME", help="which one of a file's or a fit's")
-    add("--area", choices=("zhou", "hertz"), help="contact area (default: zhou)")
+    add("--area", choices=("zhou", "hertz"), help="area of the yielding contact (default: zhou)")
     add_law_option(add, "that of the file, else zhou")
     text = "parameters of the law and its variants: chi=0.2 sigma=0.4 psi=0.5 form=full"
     add("--set", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help=text)

@@ -159,7 +159,6 @@ def test_every_option_of_a_command_is_told(command):
     sections = {part.partition("\n")[0]: part for part in re.split(r"^##+ ", text, flags=re.M)}
     common = sections["Common to all"] + sections["Which collision"]
     names = [name for name in sections if name.startswith(f"`softjax {command}")]
-    names += ["Velocities and files"] * (command == "curve")
     section = "".join(sections[name] for name in names)
     options = set(re.findall(r"(?<!\S)(--[a-z0-9-]+)", run(command, "--help")[1]))
     documented = set(re.findall(r"`(--[a-z0-9-]+)", common + section))
