@@ -19,10 +19,12 @@ from calibration.data.checks import require
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import Laws, Route
 from calibration.fitting.degrees_of_freedom import dof_of, quantile
+from calibration.fitting.elements import Element
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Band, MaterialFit
-from calibration.fitting.problem import Element, Points, Problem, block_name
+from calibration.fitting.problem import Problem, block_name
 from calibration.fitting.request import WIDE
+from calibration.fitting.rows import Points
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.parameters import Parameter, Transform
 from softjax.fields import Declared

@@ -57,4 +57,4 @@ def binned(problem: Problem, z: Float[np.ndarray, " elements"] | None = None) ->
         return few
     value = few.linearise(z[None], slopes=False).prediction[0] - mean
     few = replace(few, points=few.points._replace(value=value))
-    return replace(few, pull=(z, (linear.gradient - few.linearise(z[None]).gradient)[0]))
+    return replace(few, gradient_shift=(z, (linear.gradient - few.linearise(z[None]).gradient)[0]))

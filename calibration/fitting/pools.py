@@ -24,8 +24,9 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from calibration.fitting.elements import Pool
 from calibration.fitting.material import Estimate
-from calibration.fitting.problem import Pool, Problem
+from calibration.fitting.problem import Problem
 
 LEAST_SPREAD, MOST_SPREAD = 1e-4, 30.0  # of τ, in z: one number, and factors of e^30
 PLACES = 25  # of ln τ in which the least -2 ln L_R is looked for: every half in the logarithm

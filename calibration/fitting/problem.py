@@ -1,215 +1,70 @@
 """One problem: the likelihood of some laws' parameters as rows of residuals, and their exact Jacobian.
 
-With g = Jᵀ r the rows have the gradient of -ln p(data | θ, s) - ln p(θ), and JᵀJ is the information
-that the data are expected to have; their cost is that density itself. Where velocities have errors, V
-moves with the curve: two more rows a point stand for what ln det V and V⁻¹ add to either.
+With g = Jᵀ r the rows have the gradient of
+
+    cost(z) = -ln p(data | θ, s) - ln p(θ)
+
+and JᵀJ is the information that the data are expected to have. A row of a point is its residual over its standard
+deviation. Where velocities have errors, V changes with the curve: two more rows a point stand for what ln det V and
+V⁻¹ add to either. Two measurements 0.95 and 0.85, each ± 0.05, of a constant ε in (0, 1), z = logit ε, at 0.9:
+
+>>> import calibration as cal
+>>> from calibration.fitting.request import Request, assemble
+>>> from calibration.fitting.variance_updates import first_variances
+>>> data = cal.RestitutionData([1.0, 1.0], [0.95, 0.85], uncertainty=[0.05, 0.05])
+>>> (component,) = assemble(Request((data,)).with_options(law="constant"))
+>>> problem = first_variances(component.stages[0][1], component.start)  # none here
+>>> linear = problem.linearise(problem.transform.unconstrained(np.array([[0.9]])))
+>>> linear.residual.round(6), float(linear.cost[0].round(6))  # half the sum of squares
+(array([[-1.,  1.]]), 1.0)
+>>> linear.jacobian[0].round(6).T  # dε/dz = ε (1 - ε), over 0.05
+array([[1.8, 1.8]])
 
 Several fits of one problem stand side by side along a leading axis: starts, refits without a point,
 simulated data sets. Each has its own z, and may have its own values and counts (`Batch`).
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 import softjax as sj
 from calibration.data import RestitutionData
 from calibration.fitting.collisions import Laws, Route, expand, extended_root, root, root_slope
-from calibration.fitting.errors import Errors, MeasuredCurve
+from calibration.fitting.elements import DRAG, Element, Pool
+from calibration.fitting.errors import NODES, Errors, MeasuredCurve
+from calibration.fitting.rows import (
+    Batch,
+    Block,
+    BlockResiduals,
+    Linear,
+    Points,
+    PointsAt,
+    Rows,
+    Z,
+    acts_on_nothing,
+    rows_of_residuals,
+    rows_of_variance,
+)
 from calibration.observables import OBSERVABLES, RESTITUTION
-from calibration.parameters import NONE, Parameter, Transform
-from softjax.fields import Declared
+from calibration.parameters import NONE, Transform
 
-Z = Float[np.ndarray, "fits elements"]
-FARTHEST = 25.0  # from the start of a search, in log units: beyond, nothing changes any more
 NAMES = tuple(OBSERVABLES)
-DRAG = "air_drag"  # c, what the drag coefficient of flights in air is off by, in parts
-FIRST_SPREAD = 3.0  # of a pool, in z: factors of 20
-AT_ONCE = 2_000_000  # impacts that are computed at once: what bounds the memory
-ROUNDED = 1e-10  # of the strongest element, below which the effect of one is rounding
+AT_ONCE = 2_000_000  # impacts that are computed at once: 16 MB a number of each
 WEAK = 1e-7  # the same of an element far out at an end of its range
-PULL = 1e-4  # slope of the row of `Problem.pull`, in units of that: its square is not seen
-
-
-@dataclass(frozen=True)
-class Element:
-    """One parameter of a data set's law; one number that a fit searches, where it is free.
-
-    Attributes:
-        name: in full, an entry of an array as "weights[3]".
-        parameter, declared: what was said of it, and what its law says.
-        start: where it starts, or what it is fixed at, in physical units; one number, or one an impact.
-        range: (lowest, highest).
-        stands_in: whether it is fixed at a number that nobody stated and that acts nowhere in the
-            data: ψ where ε_up is fitted in its place.
-        label: what results call it: "chi", or "chi[name]" where there are several data sets.
-        sets: the data sets that it belongs to, of those of its component.
-        end: where a search upwards ends if no highest is stated.
-        reach: how far up from its start a search may go, in log units.
-    """
-
-    name: str
-    parameter: Parameter
-    declared: Declared
-    start: Any
-    range: tuple[float, float]
-    stands_in: bool = False
-    label: str = ""
-    sets: tuple[int, ...] = ()
-    end: float = np.inf
-    reach: float = FARTHEST
-
-    @property
-    def group(self) -> str | None:
-        """The group of data sets that it is shared in: "" for all of them, None for none."""
-        shared = self.parameter.shared
-        if self.parameter.pooled:
-            return None
-        return ("" if shared else None) if isinstance(shared, bool) else shared
-
-
-class Pool(NamedTuple):
-    """Elements of several data sets that lie around a common mean, on the scale that is searched."""
-
-    name: str  # of the parameter
-    members: tuple[int, ...]  # places of the elements
-    spread: float  # standard deviation of the members in z
-
-    @property
-    def spread_name(self) -> str:
-        """Name of the spread in results; the mean has the name of the parameter."""
-        return f"{self.name}_spread"
+SHIFT = (
+    1e-4  # slope of the row of `Problem.gradient_shift`, in units of that: its square is not seen
+)
 
 
 def block_name(name: str, observable: str) -> str:
     """Name of an observable of a data set."""
     return name if observable == RESTITUTION else f"{name}: {observable}"
-
-
-def pools_of(elements: Sequence[Element]) -> tuple[Pool, ...]:
-    """The pools among some elements, to begin with hardly held together."""
-    members: dict[str, list[int]] = {}
-    for k, element in enumerate(elements):
-        if element.parameter.pooled:
-            members.setdefault(element.name, []).append(k)
-    return tuple(Pool(name, tuple(places), FIRST_SPREAD) for name, places in members.items())
-
-
-class Points(NamedTuple):
-    """All points of a problem in a row, each (points,): (velocity, observable, value).
-
-    Those of one data set and observable, a block, are neighbours.
-    """
-
-    velocity: Float[np.ndarray, " points"]  # [m/s]
-    value: Float[np.ndarray, " points"]  # as measured, in `unit`
-    copies: Float[np.ndarray, " points"]  # for how many such points it stands
-    set: Int[np.ndarray, " points"]  # the data set
-    observable: Int[np.ndarray, " points"]  # place in `calibration.observables.OBSERVABLES`; 0 is ε
-    # 1 for ε, else `Observed.scale` [SI], so that all values are numbers near one
-    unit: Float[np.ndarray, " points"]
-    # ∂(expected - measured)/∂c of flights in air, for a drag coefficient of (1 + c) C_d
-    by_drag: Float[np.ndarray, " points"]
-
-
-class Block(NamedTuple):
-    """Rows of the points of one observable of one data set."""
-
-    set: int
-    observable: str
-    span: slice
-
-
-class Batch(NamedTuple):
-    """Fits side by side: what differs between them; None: nothing does."""
-
-    value: Float[np.ndarray, "fits points"] | None = None
-    copies: Float[np.ndarray, "fits points"] | None = None
-    variances: tuple[Mapping[str, np.ndarray], ...] | None = None  # of each block, (fits,)
-    # θ that priors, and z that pools are centred on; None: the priors' means, and 0
-    centre: Z | None = None
-    # of fits of different data: whose each is, and as in `Points`, and for `Laws.leaves`
-    of: Int[np.ndarray, " fits"] | None = None
-    velocity: Float[np.ndarray, "fits points"] | None = None
-    contact: Mapping[str, np.ndarray] | None = None
-    fixed: Float[np.ndarray, "fits q rows"] | None = None
-
-    def select(self, which) -> "Batch":
-        """Select fits."""
-        return jax.tree.map(lambda leaf: leaf[which], self)
-
-
-class Linear(NamedTuple):
-    """A problem around z, of each fit."""
-
-    # of the points, of the priors and pools, then of what V adds
-    residual: Float[np.ndarray, "fits m"]
-    jacobian: Float[np.ndarray, "fits m p"]  # along the active elements
-    cost: Float[np.ndarray, " fits"]  # -ln p(data | θ, s) - ln p(θ) up to a constant
-    # the mean expected at each point, in its unit, and its slopes along the active elements
-    prediction: Float[np.ndarray, "fits points"]
-    per: Float[np.ndarray, "fits points p"]
-    slope: Float[np.ndarray, "fits points"]  # of the curve, see `MeasuredCurve`
-    curvature_variance: Float[np.ndarray, "fits points"]
-    status: Int[np.ndarray, "fits points"]  # `softjax.Status`
-
-    def measured_curve(self, span: slice) -> MeasuredCurve:
-        """Select the points of the curve."""
-        return MeasuredCurve(
-            self.prediction[:, span], self.slope[:, span], self.curvature_variance[:, span]
-        )
-
-    @property
-    def gradient(self) -> Float[np.ndarray, "fits p"]:
-        """Gradient of the cost."""
-        return np.einsum("fmp,fm->fp", self.jacobian, self.residual)
-
-
-def acts_on_nothing(
-    jacobian: Float[np.ndarray, "fits m p"], size: Float[np.ndarray, "fits p"], share=ROUNDED
-) -> Bool[np.ndarray, "fits p"]:
-    """Elements whose columns are rounding, for changes of `size`; none where `size` is 0."""
-    acts = np.linalg.norm(jacobian, axis=1) * size
-    return (size > 0) & (acts <= share * np.max(acts, axis=1, keepdims=True, initial=0.0))
-
-
-class BlockResiduals(NamedTuple):
-    """Data from which the variances of a block are estimated, for a batch of fits."""
-
-    residual: Float[np.ndarray, "fits n"]  # predicted less measured ε, and its slopes; not weighted
-    jacobian: Float[np.ndarray, "fits n p"]
-    slope: Float[np.ndarray, "fits n"]  # of the curve, see `MeasuredCurve`
-    curvature_variance: Float[np.ndarray, "fits n"]
-    # A₀ and b₀; no b₀ where several sets take turns, whose residuals stay
-    information: Float[np.ndarray, "fits p p"]
-    gradient: Float[np.ndarray, "fits p"] | None
-    free: Bool[np.ndarray, "fits p"]  # elements that are not at an end of their range
-    # 1 for points that count, 0 for those without, which share no error with others; None: all count
-    included: Any = None
-
-    @property
-    def weight(self) -> Any:
-        """1 for each point that counts, else 0."""
-        return np.ones(self.residual.shape) if self.included is None else self.included
-
-    @property
-    def square(self) -> Float[np.ndarray, " fits"]:
-        """Mean square of the residuals."""
-        squares = np.sum(self.weight * self.residual**2, axis=1) / np.sum(self.weight, axis=1)
-        return np.maximum(squares, 1e-30)
-
-    @property
-    def sizes(self) -> Float[np.ndarray, "fits p"]:
-        """√ of what is known of each parameter, with errors as large as the residuals."""
-        points = np.sum(self.weight[..., None] * self.jacobian**2, axis=1) / self.square[:, None]
-        known = np.diagonal(self.information, axis1=1, axis2=2) + points
-        return np.sqrt(np.maximum(known, 1e-300))
 
 
 @dataclass(frozen=True)
@@ -237,7 +92,7 @@ class Problem:
     # of points that stand for several: the sum of squares of these about their mean
     inside: Any = 0.0
     # z₀ and c of a term c · (z - z₀) of the cost, along the active elements
-    pull: tuple[np.ndarray, np.ndarray] | None = None
+    gradient_shift: tuple[np.ndarray, np.ndarray] | None = None
     # how many Jacobians were computed, of this and of all problems that are made of it; of each of
     # those side by side
     evaluated: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
@@ -298,7 +153,9 @@ class Problem:
             self._last[slopes] = z.tobytes(), linear
             return linear
         batch = batch or Batch()
-        most = max(1, AT_ONCE // max(self.count * (5 if self.has_velocity_errors else 1), 1))
+        most = max(
+            1, AT_ONCE // max(self.count * (len(NODES) if self.has_velocity_errors else 1), 1)
+        )
         rows = [slice(k, k + most) for k in range(0, max(len(z), 1), most)]
         parts = [self._linearised(z[some], batch.select(some), slopes) for some in rows]
         return Linear(*(np.concatenate(a) if a[1:] else a[0] for a in zip(*parts, strict=True)))
@@ -419,69 +276,40 @@ class Problem:
         np.add.at(self.evaluated, np.zeros(len(z), int) if batch.of is None else batch.of, slopes)
         curve, per, status = self._curve(theta, per_z, active, batch)
         residual = curve.mean - self._measured(batch)
-        copies = np.broadcast_to(
-            self.points.copies if batch.copies is None else batch.copies, residual.shape
-        )
-        rows, columns, more, their = [residual[:, :0]], [per.mean[:, :0]], [], []
-        cost = np.zeros(len(residual))
+        rows, last = [Rows(residual[:, :0], per.mean[:, :0], np.zeros(len(z)))], []
+        for at in self._blocks_at(curve, per, residual, batch):
+            factor, variance = at.factor, at.variance
+            rows.append(rows_of_residuals(at, factor, variance))
+            if self.has_velocity_errors:
+                last.append(rows_of_variance(at, factor, variance, rows[-1]))
+        rows += self._rows_of_priors(z, theta, per_z, active, batch.centre)
+        if self.gradient_shift is not None:
+            rows.append(self._row_of_shift(z, active, *self.gradient_shift))
+        value, columns, cost = zip(*rows, *last, strict=True)
+        jacobian = np.concatenate(columns, axis=1)
+        at_points = curve.mean, per.mean, curve.slope, curve.curvature_variance, status
+        total = np.sum(cost, axis=0)
+        return Linear(np.concatenate(value, axis=1), jacobian, total, *at_points)
+
+    def _blocks_at(
+        self, curve: MeasuredCurve, per: MeasuredCurve, residual: np.ndarray, batch: Batch
+    ) -> Iterator[PointsAt]:
+        """The points of each block at z; none where only the curve is needed."""
+        copies = self.points.copies if batch.copies is None else batch.copies
+        copies = np.broadcast_to(copies, residual.shape)
+        inside = np.broadcast_to(self.inside, self.count)
         variances = self.variances if batch.variances is None else batch.variances
         blocks = self.spans if self.errors else ()
         for errors, s, span in zip(self.errors, variances, blocks, strict=True):
-            slope, curvature_variance, n, r = (
-                a[:, span] for a in (curve.slope, curve.curvature_variance, copies, residual)
-            )
-            factor, family = errors.factor(s, slope, curvature_variance), errors.noise
-            both = np.concatenate([r[..., None], per.mean[:, span]], axis=2)
-            both = errors.whiten(factor, both)
-            white, of_white = both[..., 0], both[..., 1:]
-            share = np.sqrt(n * family.weight(white))
-            rows.append(white * share)
-            columns.append(of_white * share[..., None])
-            cost += 0.5 * np.sum(n * family.squares(white), axis=1)
-            variance = errors.variance(s, slope, curvature_variance) + np.zeros(r.shape)
-            beyond = np.broadcast_to(self.inside, self.count)[span] / variance
-            cost += 0.5 * np.sum(beyond, axis=1)
-            if not self.has_velocity_errors:
-                continue
-            changes = errors.changes(s, slope)
-            if errors.shares:
-                cost += 0.5 * (errors.log_det(factor) - np.sum(np.log(errors.steady(s)), axis=-1))
-                scores = errors.scores(factor, s, slope, r)
-            else:
-                cost += 0.5 * np.sum(n * np.log(variance / errors.steady(s)), axis=1)
-                excess = (n - (white * share) ** 2 - beyond) / variance
-                scores = tuple(a * excess for a in changes)
-            root = np.sqrt(n)
-            for score, change, of_curve in zip(scores, changes, per[1:], strict=True):
-                size = np.abs(change) * 2**0.5 / variance
-                size = np.maximum(size, 1e-6 * np.abs(score)) + 1e-300
-                weight = size * root
-                more.append(np.where(n > 0, score, 0.0) / np.where(n > 0, weight, 1.0))
-                their.append(of_curve[:, span] * weight[..., None])
-        for value, column in self._priors(z, theta, per_z, batch.centre):
-            rows.append(value)
-            columns.append(column[:, :, : len(active)])
-            cost += 0.5 * np.sum(value**2, axis=1)
-        if self.pull is not None:
-            # a row of a slope so small that it is not seen in JᵀJ
-            along = (z - self.pull[0])[:, self.active] @ self.pull[1]
-            rows.append(np.full((len(z), 1), 1 / PULL))
-            columns.append(
-                np.broadcast_to(PULL * self.pull[1][: len(active)], (len(z), 1, len(active)))
-            )
-            cost += along
-        all_rows = np.concatenate([*rows, *more], axis=1)
-        all_columns = np.concatenate([*columns, *their], axis=1)
-        return Linear(
-            all_rows,
-            all_columns,
-            cost,
-            curve.mean,
-            per.mean,
-            curve.slope,
-            curve.curvature_variance,
-            status,
-        )
+            mean, slopes = (MeasuredCurve(*(a[:, span] for a in some)) for some in (curve, per))
+            counts, squares = copies[:, span], inside[span]
+            yield PointsAt(errors, s, mean, slopes, residual[:, span], counts, squares)
+
+    def _row_of_shift(self, z, active, centre: np.ndarray, slope: np.ndarray) -> Rows:
+        """A row of the cost c · (z - z₀): of a slope so small that it is not seen in JᵀJ."""
+        along = (z - centre)[:, self.active] @ slope
+        columns = np.broadcast_to(SHIFT * slope[: len(active)], (len(z), 1, len(active)))
+        return Rows(np.full((len(z), 1), 1 / SHIFT), columns, along)
 
     def _curve(
         self, theta, per_z, active, batch: Batch
@@ -579,8 +407,12 @@ class Problem:
             jacobian[:, on, place[element]] += slope[:, on] * per_z[:, element]
         return jacobian
 
+    def _rows_of_priors(self, z, theta, per_z, active, centre) -> Iterator[Rows]:
+        """Rows of the priors, (θ - mean)/sd, and of each pool, (z - mean of z)/spread."""
+        for value, slopes in self._priors(z, theta, per_z, centre):
+            yield Rows(value, slopes[:, :, : len(active)], 0.5 * np.sum(value**2, axis=1))
+
     def _priors(self, z, theta, per_z, centre):
-        """Rows of the priors, (θ - mean)/sd, and of each pool, (z - mean of z)/spread, and their slopes."""
         elements, fits = self.with_prior, len(z)
         if elements:
             mean, deviation = np.transpose([self.elements[k].parameter.prior for k in elements])

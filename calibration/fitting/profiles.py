@@ -14,11 +14,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from calibration.fitting.degrees_of_freedom import quantile
+from calibration.fitting.elements import DRAG
+from calibration.fitting.elements import FARTHEST as FURTHEST
 from calibration.fitting.material import Estimate
 from calibration.fitting.methods import factorise
 from calibration.fitting.neighbourhoods import binned
-from calibration.fitting.problem import DRAG, Problem
-from calibration.fitting.problem import FARTHEST as FURTHEST
+from calibration.fitting.problem import Problem
 from calibration.fitting.search import search
 from calibration.fitting.side_by_side import alike, as_one
 from calibration.fitting.stages import ComponentFit

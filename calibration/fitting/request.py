@@ -15,6 +15,7 @@ from calibration.data import RestitutionData
 from calibration.data.air import UNCERTAIN
 from calibration.errors import DataError, is_finite_number, listed
 from calibration.fitting.collisions import Laws, Route
+from calibration.fitting.elements import DRAG, FARTHEST, Element, pools_of
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import (
     AFFECTS_YIELD,
@@ -35,7 +36,8 @@ from calibration.fitting.laws import (
     zhou_model,
 )
 from calibration.fitting.noise import JOINT, LEAST_SQUARES
-from calibration.fitting.problem import DRAG, FARTHEST, Element, Points, Problem, pools_of
+from calibration.fitting.problem import Problem
+from calibration.fitting.rows import Points
 from calibration.observables import OBSERVABLES, PLACES, RESTITUTION
 from calibration.options import KINDS_OF_LAW, FitOptions, checked_law, route_named
 from calibration.parameters import Parameter, Transform, as_parameter

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from calibration.fitting.collisions import TINY_SQUARED
+from calibration.fitting.elements import FARTHEST
 from calibration.fitting.methods import (
     TINY,
     Fits,
@@ -28,7 +29,8 @@ from calibration.fitting.methods import (
     QRFactors,
     factorise,
 )
-from calibration.fitting.problem import FARTHEST, Batch, Linear, Problem, acts_on_nothing
+from calibration.fitting.problem import Problem
+from calibration.fitting.rows import Batch, Linear, acts_on_nothing
 from calibration.parameters import NONE
 
 STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most elements

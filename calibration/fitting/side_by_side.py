@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from calibration.fitting.errors import Errors
-from calibration.fitting.problem import Batch, Problem
+from calibration.fitting.problem import Problem
+from calibration.fitting.rows import Batch
 
 MOST_POINTS = 20_000  # points from which on a problem fills its batches by itself
 
@@ -27,7 +28,7 @@ def alike(problems: Sequence[Problem]) -> list[list[int]]:
 def _kind(problem: Problem) -> Any:
     """Key that problems of single data sets must share; None where this one is searched by itself."""
     laws, errors = problem.laws, problem.errors
-    held = (problem.pull, problem.affects_yield, problem.drag)
+    held = (problem.gradient_shift, problem.affects_yield, problem.drag)
     more = (problem.pools, problem.with_prior, np.any(problem.inside), any(laws.shape.shared))
     is_simple = (
         len(errors) == laws.size == 1 and errors[0].noise.is_least_squares and problem.is_fixed

@@ -28,7 +28,8 @@ from scipy.linalg import block_diag
 
 from calibration.fitting.degrees_of_freedom import DegreesOfFreedom, Matrix
 from calibration.fitting.errors import Errors
-from calibration.fitting.problem import BlockResiduals, Problem
+from calibration.fitting.problem import Problem
+from calibration.fitting.rows import BlockResiduals
 from calibration.fitting.variances import differences, relative_covariance
 
 Derivatives = Sequence[Matrix]

@@ -9,10 +9,11 @@ import numpy as np
 import softjax as sj
 from calibration.fitting.checks.collected import of_component, of_set
 from calibration.fitting.degrees_of_freedom import quantile
+from calibration.fitting.elements import DRAG
 from calibration.fitting.errors import Errors
 from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
-from calibration.fitting.problem import DRAG, Problem
+from calibration.fitting.problem import Problem
 from calibration.fitting.profiles import Profile, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import ComponentFit, fitted, run_stage

@@ -23,9 +23,10 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.errors import DataError, listed
 from calibration.fitting.collisions import root
+from calibration.fitting.elements import Element, Pool, pools_of
 from calibration.fitting.errors import CALLED, Errors, MeasuredCurve
 from calibration.fitting.noise import LN_2PI
-from calibration.fitting.problem import Block, Element, Points, Pool, Problem, pools_of
+from calibration.fitting.problem import Problem
 from calibration.fitting.request import (
     Component,
     Request,
@@ -34,6 +35,7 @@ from calibration.fitting.request import (
     datasets_of,
     transform_of,
 )
+from calibration.fitting.rows import Block, Points
 from calibration.observables import OBSERVABLES, RESTITUTION, predicted
 from calibration.options import FitOptions, require_likelihood
 from calibration.parameters import Transform

@@ -33,7 +33,8 @@ from jaxtyping import Bool, Float, Int
 from calibration.fitting.curvature import asks_for_curvature, gradient_slopes, has_network
 from calibration.fitting.degrees_of_freedom import DegreesOfFreedom, Matrix
 from calibration.fitting.neighbourhoods import binned
-from calibration.fitting.problem import Problem, acts_on_nothing
+from calibration.fitting.problem import Problem
+from calibration.fitting.rows import acts_on_nothing
 from calibration.fitting.small_samples import of_noise
 from calibration.parameters import NONE
 

@@ -25,7 +25,8 @@ from jaxtyping import Float
 
 from calibration.fitting.errors import Errors
 from calibration.fitting.pools import estimate_of_pool
-from calibration.fitting.problem import Batch, Problem
+from calibration.fitting.problem import Problem
+from calibration.fitting.rows import Batch
 from calibration.fitting.variances import estimated
 
 FIRST_GROUP = 0.1  # of the variance of a point, offsets of groups where a search begins

@@ -30,7 +30,7 @@ import jax
 import numpy as np
 
 from calibration.fitting.errors import Errors
-from calibration.fitting.problem import BlockResiduals
+from calibration.fitting.rows import BlockResiduals
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
 NONE = 1e-7  # the same, below which it counts as none

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibration.fitting.problem import DRAG
+from calibration.fitting.elements import DRAG
 from calibration.plots import style
 from calibration.symbols import in_math, input_words, of_label
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from calibration import symbols
-from calibration.fitting.problem import DRAG
+from calibration.fitting.elements import DRAG
 from calibration.report.layout import Block
 from calibration.rounding import number
 

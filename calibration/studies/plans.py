@@ -22,10 +22,10 @@ from calibration.data.json_file import plain
 from calibration.errors import DataError
 from calibration.fitting.collisions import Route
 from calibration.fitting.curves import curve_and_slopes, further_variances, like_measured
+from calibration.fitting.elements import DRAG, Element
 from calibration.fitting.estimates import FitEstimates
 from calibration.fitting.laws import OF_CONTACT, eps_up_of, numbers_in
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.problem import DRAG, Element
 from calibration.fitting.request import Request
 from calibration.observables import RESTITUTION
 from calibration.options import require_likelihood

@@ -11,7 +11,7 @@ import softjax as sj
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.noise import Family
-from calibration.fitting.problem import Batch
+from calibration.fitting.rows import Batch
 from calibration.fitting.stages import ComponentFit
 from calibration.fitting.warnings import Column
 from calibration.observables import OBSERVABLES

@@ -36,8 +36,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from calibration.fitting.elements import Element
 from calibration.fitting.laws import OF_CONTACT
-from calibration.fitting.problem import Element
 from calibration.fitting.traceable import Traceable
 from calibration.parameters import FROM_ABOVE, LOG, LOGIT, NONE, Transform
 from calibration.rounding import number
