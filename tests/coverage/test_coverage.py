@@ -19,7 +19,7 @@ import softjax as sj
 from calibration.observables import predicted
 from tests.cases import curve
 from tests.coverage.runner import Case, study
-from tests.decay import Decay
+from tests.decay import Decay, decay
 from tests.fit.test_hard_fits import yielding_apart
 from tests.fit_data import TRUTH, pair, y_values
 
@@ -101,6 +101,17 @@ def specimens(random, law, blocks):
     )
 
 
+def in_groups(random, curve_of, span, count, between):
+    """Six impacts a group; errors of 0.01, and offsets of so many times that."""
+    group = np.repeat(np.arange(count), 6)
+    speeds = np.exp(0.05 * random.standard_normal(count))[group]
+    velocity = np.tile(np.geomspace(*span, 6), count) * speeds
+    off = between * random.standard_normal(count)[group] + random.standard_normal(6 * count)
+    contact = PAIR if span is CRITICALS else None
+    e = curve_of(velocity) + 0.01 * off
+    return cal.RestitutionData(velocity, e, contact, group=[f"g{k}" for k in group])
+
+
 def imprecise(random, law, share, of_measured=False):
     """Velocities with errors of a share of them, stated: of the true ones, or of those measured."""
     true = np.geomspace(1.5, 60, 30) * CRITICAL
@@ -162,6 +173,13 @@ def bronze(options=PROFILED, **settings):
     return case("zhou", {"chi": 5.6, "eps_up": 0.93}, drops, options=options, **settings)
 
 
+CRITICALS = (2 * CRITICAL, 60 * CRITICAL)
+OF_GROUPS = {  # law, true values, parameters, span of velocities, curve
+    "thornton": ("thornton", {"yield_factor": 1.6}, {}, CRITICALS, partial(curve, THORNTON)),
+    "level and rate": (Decay, DECAY, {}, (0.5, 5.0), partial(decay, **DECAY)),
+    "rate": (Decay, {"rate": 0.03}, {"level": 0.93, "rate": cal.Parameter(0.03)}, (0.5, 5.0), partial(decay, **DECAY)),
+}  # fmt: skip
+
 # of `Case`
 CASES = {
     "zhou above yield": {"truth": ZHOU, "velocity": ABOVE, "values": BY_UP},
@@ -169,6 +187,12 @@ CASES = {
     "repeats": case("zhou", BY_UP, repeats),
     "specimens in blocks": case("thornton", {"yield_factor": 1.6}, specimens, law=THORNTON, blocks=True),
     "specimens mixed": case("zhou", BY_UP, specimens, law=ZHOU, blocks=False),
+    **{
+        f"{count} groups, {between:g} between, {name}": case(law, values, in_groups, options=PROFILED, parameters=given, curve_of=of, span=span, count=count, between=between)
+        for name, (law, values, given, span, of) in OF_GROUPS.items()
+        for count in (3, 5, 8)
+        for between in (0, 0.3, 3)
+    },
     "trains": case(Decay, DECAY, trains, stated=False),
     "trains, stated": case(Decay, DECAY, trains, stated=True),
     **{
