@@ -33,11 +33,11 @@ import softjax as sj
 from calibration.data import RestitutionData
 from calibration.data.inputs import Input
 from calibration.errors import DataError
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.material import Estimate, MaterialFit
 from calibration.fitting.problem import Problem
 from calibration.fitting.request import Component, Request, SetSpec, assemble, stated_parameters
 from calibration.fitting.search import search
-from calibration.fitting.stages import ComponentFit
 from calibration.observables import RESTITUTION, predicted
 
 STEPS = 100  # of one refit

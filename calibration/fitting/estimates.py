@@ -18,6 +18,7 @@ from calibration.errors import DataError, did_you_mean, listed
 from calibration.fitting.budget import (
     Budget,
 )
+from calibration.fitting.components import ComponentFit, Likelihood
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.degrees_of_freedom import DegreesOfFreedom
 from calibration.fitting.fit_json import read_result, result_to_dict
@@ -27,11 +28,7 @@ from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile
 from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
 from calibration.fitting.request import Request
-from calibration.fitting.stages import (
-    ComponentFit,
-    Likelihood,
-    Stage,
-)
+from calibration.fitting.stages import Stage
 from calibration.fitting.warnings import FitWarning, extrapolation
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.options import require_likelihood

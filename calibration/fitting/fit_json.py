@@ -22,6 +22,7 @@ from calibration.data.measurements import BESIDE, LONGEST_NAME
 from calibration.data.text_file import MIB, read_text
 from calibration.errors import DataError, InputError, shown
 from calibration.fitting.budget import Budget
+from calibration.fitting.components import Likelihood
 from calibration.fitting.degrees_of_freedom import DegreesOfFreedom
 from calibration.fitting.laws import LAWS, Tree, law_name
 from calibration.fitting.line import Line
@@ -29,7 +30,7 @@ from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlie
 from calibration.fitting.noise import FAMILIES
 from calibration.fitting.profiles import Profile
 from calibration.fitting.request import Request, law_model, stated_parameters
-from calibration.fitting.stages import Likelihood, Stage
+from calibration.fitting.stages import Stage
 from calibration.fitting.warnings import FitWarning
 from calibration.options import FitOptions, route_named
 from calibration.parameters import Parameter

@@ -35,13 +35,13 @@ from calibration.data.checks import checked_confidence, require
 from calibration.data.inputs import Input
 from calibration.errors import DataError
 from calibration.fitting.budget import Budget, Contribution, budget_of, with_input_uncertainty
+from calibration.fitting.components import ComponentFit, fit_component
 from calibration.fitting.degrees_of_freedom import quantile
 from calibration.fitting.elements import DRAG
 from calibration.fitting.laws import LINE, eps_up_of, sigma_of
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.problem import Problem
 from calibration.fitting.request import Request, SetSpec, assemble
-from calibration.fitting.stages import ComponentFit, fit_component
 from calibration.parameters import Parameter
 
 STARTS = 4  # of the fit on the line: few points below yield leave materials minima of their own

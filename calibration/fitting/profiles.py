@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.degrees_of_freedom import quantile
 from calibration.fitting.elements import DRAG
 from calibration.fitting.elements import FARTHEST as FURTHEST
@@ -22,7 +23,6 @@ from calibration.fitting.neighbourhoods import binned
 from calibration.fitting.problem import Problem
 from calibration.fitting.search import search
 from calibration.fitting.side_by_side import alike, as_one
-from calibration.fitting.stages import ComponentFit
 from calibration.parameters import LOGIT, NONE
 from calibration.schema import Real
 

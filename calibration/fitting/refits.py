@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.problem import AT_ONCE, Problem
 from calibration.fitting.rows import Batch, Linear
 from calibration.fitting.search import Ends, search
-from calibration.fitting.stages import ComponentFit, along_valley
+from calibration.fitting.starts import along_valley
 from calibration.fitting.variance_updates import needs_variances, variances_at
 from calibration.fitting.variances import estimated, relative_covariance
 

@@ -18,6 +18,7 @@ from calibration.fitting.budget import (
     effects_of_one_per_cent,
     with_input_uncertainty,
 )
+from calibration.fitting.components import ComponentFit, fitted, likelihood_of
 from calibration.fitting.estimates import FitEstimates
 from calibration.fitting.line import fit_line, with_inputs
 from calibration.fitting.material import Estimate, MaterialFit
@@ -25,11 +26,6 @@ from calibration.fitting.pools import pooled_estimates
 from calibration.fitting.profiles import Profile, profiles_of
 from calibration.fitting.request import Request
 from calibration.fitting.search import OPTIMISERS, one_thread
-from calibration.fitting.stages import (
-    ComponentFit,
-    fitted,
-    likelihood_of,
-)
 from calibration.fitting.summary import results_at, summarise
 from calibration.fitting.warnings import FitWarning, in_order
 from calibration.options import idle

@@ -8,6 +8,7 @@ import numpy as np
 
 import softjax as sj
 from calibration.fitting.checks.collected import of_component, of_set
+from calibration.fitting.components import ComponentFit, fitted
 from calibration.fitting.degrees_of_freedom import quantile
 from calibration.fitting.elements import DRAG
 from calibration.fitting.errors import Errors
@@ -16,7 +17,7 @@ from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlie
 from calibration.fitting.problem import Problem
 from calibration.fitting.profiles import Profile, estimates, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
-from calibration.fitting.stages import ComponentFit, fitted, run_stage
+from calibration.fitting.stages import run_stage
 from calibration.fitting.uncertainty import (
     NULL_SHARE,
     RANK_TOLERANCE,

@@ -19,7 +19,7 @@ HARD = (
     *("compiling", "mapping", "bridge", "derivatives", "outcome", "motion"),
     *("uncertainty", "curvature", "small_samples", "degrees_of_freedom"),
     *("fitting.errors", "true_velocities", "variances", "variance_updates", "pools"),
-    *("fitting.problem",),
+    *("fitting.problem", "stages", "components"),
 )
 
 

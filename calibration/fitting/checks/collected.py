@@ -19,10 +19,10 @@ from calibration.fitting.checks.levels import of_levels
 from calibration.fitting.checks.parameters import of_parameters
 from calibration.fitting.checks.residuals import alike_neighbours, of_residuals, unequal_scatter
 from calibration.fitting.checks.searches import of_stage
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate, MaterialFit
 from calibration.fitting.profiles import Profile
-from calibration.fitting.stages import ComponentFit
 from calibration.fitting.warnings import (
     FitWarning,
     raised,

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import special
 
 import softjax as sj
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import MaterialFit
 from calibration.fitting.noise import Family
 from calibration.fitting.rows import Batch
-from calibration.fitting.stages import ComponentFit
 from calibration.fitting.warnings import Column
 from calibration.observables import OBSERVABLES
 

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy import special
 
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.material import MaterialFit
-from calibration.fitting.stages import ComponentFit
 from calibration.fitting.warnings import CONFIDENCE, Found
 from calibration.observables import OBSERVABLES, RESTITUTION
 

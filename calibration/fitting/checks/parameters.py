@@ -3,10 +3,10 @@
 import numpy as np
 
 import softjax as sj
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.elements import DRAG
 from calibration.fitting.material import Estimate
 from calibration.fitting.profiles import Profile, weighted_deviation
-from calibration.fitting.stages import ComponentFit
 from calibration.fitting.warnings import FitWarning, Found, raised
 from calibration.rounding import number, with_error
 

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.errors import listed
+from calibration.fitting.components import ComponentFit
 from calibration.fitting.material import Estimate
+from calibration.fitting.minima import MOVED
 from calibration.fitting.profiles import weighted_deviation
 from calibration.fitting.search import Ends
-from calibration.fitting.stages import MOVED, ComponentFit, StageFit
+from calibration.fitting.stages import StageFit
 from calibration.fitting.warnings import FitWarning, Found, raised
 
 MOST_NAMED = 3  # data sets
