@@ -244,7 +244,7 @@ REFUSED = [
     (STEEL, {"velocity_range": (2, 1)}, "0 < lowest"),
     (STEEL, {"velocity_range": (1, 1e6)}, "come to rest and part again"),
     (INDEPENDENT["walton-braun"], {"to": "yade", "law": "walton-braun"}, "a constant k2 > k1"),
-    (sj.EmpiricalRestitution(340.0, 3.0, 0.5), {}, "one with a contact"),
+    (sj.EmpiricalRestitution(340.0, 3.0, 0.5), {}, "a field `contact`"),
     (sj.ConstantRestitution(PAIR, 0.9), {"law": "exact"}, "linear"),
     (3.0, {}, "a contact law"),
 ]
