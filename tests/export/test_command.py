@@ -238,6 +238,7 @@ def test_gravity_is_that_of_the_option_else_of_the_file_else_of_the_earth(at):
     ):
         export(file, *law, *stated, "--quiet")
         made = report()
+        assert made["tolerance"] == 0.01  # of no option, as the help has it
         assert made["gravity"] == expected
         number = expected * made["curve"]["contact_duration"][0] / 1.0
         assert made["weight_number"] == pytest.approx(number)

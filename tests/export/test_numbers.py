@@ -316,6 +316,21 @@ def test_a_hysteretic_spring_gives_the_stated_restitution(code, source, exported
     assert k2(2.5 * peak) == pytest.approx(k2(2.0 * peak))
 
 
+@pytest.mark.parametrize("code", SPRINGS)
+def test_a_softer_hysteretic_spring_rebounds_alike(code, exported):
+    """k1 and k2 fall by the square of the factor by which overlaps grow."""
+    law, key, tolerance, _ = SPRUNG["steel"]
+    stiff, before = exported(law, code, law=key, tolerance=tolerance)
+    soft, folder = exported(law, code, law=key, tolerance=tolerance, **SOFT)
+    factor = soft.overlap * RADIUS / (stiff.overlap * EFFECTIVE)
+    assert factor > 3
+    (k1, k2), (soft_k1, soft_k2) = (SPRINGS[code](read(f, code)[0]) for f in (before, folder))
+    assert soft_k1 == pytest.approx(k1 / factor**2, rel=1e-6)
+    for velocity in VELOCITIES:
+        found = spring_rebound(soft_k1, soft_k2, velocity)
+        assert found == pytest.approx(spring_rebound(k1, k2, velocity), abs=1e-6)
+
+
 @pytest.mark.parametrize("law", ["linear", "walton-braun"])
 @pytest.mark.parametrize("code", ["lammps", "liggghts", "yade", "c"])
 def test_a_stiffness_that_the_law_states_is_kept(code, law, exported):
