@@ -13,13 +13,13 @@ from calibration.errors import InputError as InputError
 from calibration.fit_result import FitResult as FitResult
 from calibration.fit_result import fit as fit
 from calibration.fitting.laws import LAWS as LAWS
+from calibration.fitting.left_out import LeaveOneOut as LeaveOneOut
 from calibration.fitting.line import Line as Line
 from calibration.fitting.material import Band as Band
 from calibration.fitting.material import Estimate as Estimate
 from calibration.fitting.material import MaterialFit as MaterialFit
 from calibration.fitting.profiles import Profile as Profile
 from calibration.fitting.refits import Bootstrap as Bootstrap
-from calibration.fitting.refits import LeaveOneOut as LeaveOneOut
 from calibration.fitting.stages import Stage as Stage
 from calibration.fitting.traceable import problem as problem
 from calibration.fitting.warnings import FitWarning as FitWarning

@@ -23,10 +23,11 @@ from calibration.fitting.curves import band, of_impact
 from calibration.fitting.degrees_of_freedom import DegreesOfFreedom
 from calibration.fitting.fit_json import read_result, result_to_dict
 from calibration.fitting.laws import LINE
+from calibration.fitting.left_out import LeaveOneOut, leave_one_out
 from calibration.fitting.line import Line
 from calibration.fitting.material import Band, Estimate, MaterialFit
 from calibration.fitting.profiles import Profile
-from calibration.fitting.refits import Bootstrap, LeaveOneOut, bootstrap, leave_one_out
+from calibration.fitting.refits import Bootstrap, bootstrap
 from calibration.fitting.request import Request
 from calibration.fitting.stages import Stage
 from calibration.fitting.warnings import FitWarning, extrapolation

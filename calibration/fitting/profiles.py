@@ -1,13 +1,20 @@
-"""Profile likelihoods, and the values, standard errors and intervals of what was searched.
+"""Profile likelihoods: how far one parameter can go while the others make up for it.
 
-A profile is how far one parameter can go while the others make up for it. All walks, two for each
-parameter of all fits of one kind, go side by side: each stride is one batch of refits.
+Δχ²(θ_k) = 2 [min cost with θ_k held - min cost] in units of the noise variance; a limit is where √Δχ² is the quantile of
+the confidence. Two measurements 0.95 and 0.85, each ± 0.05, of a constant ε: 0.9 ∓ 1.96 · 0.05/√2.
 
+>>> import calibration as cal
+>>> data = cal.RestitutionData([1.0, 1.0], [0.95, 0.85], uncertainty=[0.05, 0.05])
+>>> profile = cal.fit(data, "constant", starts=1).profiles["restitution"]
+>>> round(profile.low, 4), round(profile.high, 4), round(profile.threshold**0.5, 2)
+(0.8307, 0.9693, 1.96)
+
+All walks, two for each parameter of all fits of one kind, go side by side: each stride is one batch of refits.
 Where the cost jumps at yield a refit begins from several yields, and Δχ² may fall again behind a limit:
-of what moves yield the limits are the outermost crossings."""
+of what yield depends on the limits are the outermost crossings."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +24,6 @@ from calibration.fitting.components import ComponentFit
 from calibration.fitting.degrees_of_freedom import quantile
 from calibration.fitting.elements import DRAG
 from calibration.fitting.elements import FARTHEST as FURTHEST
-from calibration.fitting.material import Estimate
 from calibration.fitting.methods import factorise
 from calibration.fitting.neighbourhoods import binned
 from calibration.fitting.problem import Problem
@@ -29,17 +35,17 @@ from calibration.schema import Real
 FARTHEST = 12.0  # in z from the estimate (factors of e): beyond, an interval is open
 STRIDE = 0.25  # in log units: where parameters make up for each other the way is curved
 EASY = 3  # steps of a refit up to which the next stride may be longer: the way is straight
-STEPS = 100  # of one refit
+STEPS = 100  # of one refit, which takes 3 where the way is straight
 POINTS = 6.0  # strides up to the limit, about
 BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
 TOLERANCE = 1e-6  # of the limit, in z, or of √Δχ² there
-MOST_STRIDES = 400
+MOST_STRIDES = 400  # of a walk: open intervals end after 12/0.25 and few more
 ENOUGH = 1e-6  # of Δχ² that a refit may end above its minimum
 ROUNDING = 1e-12  # of a way
 LARGEST_ANSWER = 30.0  # of the others to one stride, in log units
 BEHIND = np.linspace(0, 1, 25)[1:]  # where Δχ² may fall again: of the way to a limit, or this far:
 LEAST_BEHIND = 0.2  # in z
-BISECTIONS = 40
+BISECTIONS = 40  # of the outermost crossing: 0.2 in z to 1e-12
 OTHER_YIELDS = np.array([-0.05, 0.05])  # in z, from which a refit begins too where the cost jumps
 
 
@@ -312,7 +318,6 @@ def _profile(state: _Walks, members, label: str, limit: int, crossing) -> Profil
 
 
 LEAST_ERROR = 1e-12  # of data without noise: the interval is a point
-SKEWED = 1 / 8  # of an interval's width, see `is_skewed`
 FROM_END = 0.5  # first stride of a walk that begins at an end of the range, in z
 
 
@@ -394,65 +399,3 @@ def weighted_deviation(fit: ComponentFit, problem: Problem, least: float = 0.0) 
         return np.ones(problem.count)
     weight = np.sqrt(problem.points.copies / problem.diagonal(fit.z[None])[0])
     return np.maximum(fit.uncertainty.deviation, least) * weight
-
-
-def estimates(
-    fit: ComponentFit, curves: dict[str, Profile], confidence: float
-) -> dict[int, Estimate]:
-    """Estimates of each element of the component."""
-    table = {}
-    for k, e in enumerate(fit.component.elements):
-        estimate = estimate_of(fit, k, curves.get(e.label), confidence)
-        is_read = "[" not in e.name and e.name != DRAG
-        if estimate.method == "wald" and estimate.standard_error is not None and is_read:
-            estimate = replace(estimate, skewed=None)
-            if not curves and np.any(fit.uncertainty.bound_side):  # too narrow: another is held
-                estimate = replace(estimate, standard_error=None, low=None, high=None)
-        table[k] = estimate
-    return table
-
-
-def is_skewed(value, error, low: float | None, high: float | None, quantile: float) -> bool:
-    """Whether an end of an interval is an eighth of its width from value ± quantile · error."""
-    if low is None or high is None:
-        return True
-    difference = max(abs(low - (value - quantile * error)), abs(high - (value + quantile * error)))
-    return bool(difference > SKEWED * (high - low))
-
-
-def estimate_of(fit: ComponentFit, k: int, curve: Profile | None, confidence: float) -> Estimate:
-    """Value, standard error and interval: the profile's where there is one."""
-    known, value = fit.uncertainty, float(fit.theta[k])
-    if known.bound_side[k]:
-        return _at_an_end(fit, k, curve)
-    if known.undetermined[k]:
-        return Estimate(value, method="undetermined", free=True)
-    if not fit.has_intervals:
-        return Estimate(value, method="none", free=True)
-    transform = fit.final.problem.transform.part(np.array([k]))
-    z_error = float(known.errors[k])
-    slope = float(abs(transform.slope(fit.z[k : k + 1])[0]))
-    error = slope * z_error if known.definite else None
-    if curve is not None:
-        q = float(quantile(confidence, known.parameter_dof[k]))
-        skewed = error is not None and is_skewed(value, error, curve.low, curve.high, q)
-        error = None if skewed else error
-        return Estimate(value, error, curve.low, curve.high, "profile", True, False, skewed)
-    reach = quantile(confidence, known.parameter_dof[k]) * z_error
-    ends: list[float | None] = []
-    for sign in (-1, 1):
-        is_finite = transform.kind[0] == NONE or reach < FARTHEST
-        end = transform.physical(fit.z[k : k + 1] + sign * reach)[0]
-        ends.append(float(end) if is_finite else None)
-    return Estimate(value, error, ends[0], ends[1], "wald", True)
-
-
-def _at_an_end(fit: ComponentFit, k: int, curve: Profile | None) -> Estimate:
-    """Estimate at a bound, with a one-sided interval if there is a profile; or one that grew without bound."""
-    limit = fit.uncertainty.bound_side[k]
-    bound = float(fit.final.problem.transform.bound_beyond(limit)[k])
-    low, high = (None, None) if curve is None else (curve.low, curve.high)
-    method = "undetermined" if curve is None else "profile"
-    if not np.isfinite(bound):
-        return Estimate(None, None, low, high, method, True)
-    return Estimate(bound, None, low, high, method, True, True)

@@ -1,7 +1,18 @@
 """One least-squares search for one fit or a thousand, side by side.
 
-The loop stays on the host; what it asks for of all fits at once are residuals and Jacobians. These are
-factorised (J = Q R), and from R a method proposes a direction: Levenberg–Marquardt, or L-BFGS by optax.
+The loop stays on the host; what it needs of all fits at once are residuals and Jacobians. These are factorised (J = Q R),
+and from R a method proposes a direction: Levenberg–Marquardt, or L-BFGS by optax. Two measurements 0.95 and 0.85, each
+± 0.05, of a constant ε: from 0.5 and from 0.99 to their mean, where the cost is half of 1² + 1²:
+
+>>> import calibration as cal
+>>> from calibration.fitting.request import Request, assemble
+>>> from calibration.fitting.variance_updates import first_variances
+>>> data = cal.RestitutionData([1.0, 1.0], [0.95, 0.85], uncertainty=[0.05, 0.05])
+>>> (component,) = assemble(Request((data,)).with_options(law="constant"))
+>>> problem = first_variances(component.stages[0][1], component.start)
+>>> ends = search(problem, problem.transform.unconstrained(np.array([[0.5], [0.99]])))
+>>> problem.transform.physical(ends.z).round(9).T, ends.cost.round(9)
+(array([[0.9, 0.9]]), array([1., 1.]))
 
 An element that runs to an end of its range (a bound, or beyond every sensible value) is held there
 and the others are searched on: an end at a bound with the others at their minimum is a fit.
@@ -37,12 +48,12 @@ STEP_TOLERANCE = 1e-9  # of the Gauss–Newton step left, in log units for most 
 COST_TOLERANCE = 1e-15  # of the decrease it promises, relative to the cost
 ROUNDING = 1e-13  # of a cost: near its minimum steps are judged by the gradient alone
 MOST_LEVEL = 20  # steps in a row that change the cost by no more: the gradient is rounding, too
-LARGEST_STEP = 1.5  # in log units
+LARGEST_STEP = 1.5  # in log units: a factor of 4.5
 LONG_WAY = 0.1  # the same in parts of where an element is that may go farther than others
 NEARLY = 6.0  # from where on an element that acts on nothing counts as at the end of its range
 FALLS = 1e-9  # share of a cost by which it has to fall for an element to be taken back
 RELEASES = 2  # how often an element is taken back from the end of its range
-MOST = 200
+MOST = 200  # steps of a search, if no limit is given
 ARRIVED = ("step below tolerance", "cost at its minimum")
 USED_UP = "iterations used up"
 STUCK = "no lower cost found"

@@ -12,10 +12,11 @@ from calibration.fitting.components import ComponentFit, fitted
 from calibration.fitting.degrees_of_freedom import quantile
 from calibration.fitting.elements import DRAG
 from calibration.fitting.errors import Errors
+from calibration.fitting.intervals import estimates
 from calibration.fitting.laws import LINE, eps_up_of, several_yields
 from calibration.fitting.material import Estimate, Goodness, MaterialFit, Outlier
 from calibration.fitting.problem import Problem
-from calibration.fitting.profiles import Profile, estimates, weighted_deviation
+from calibration.fitting.profiles import Profile, weighted_deviation
 from calibration.fitting.request import Request, blocks_of
 from calibration.fitting.stages import run_stage
 from calibration.fitting.uncertainty import (

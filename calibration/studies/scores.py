@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from calibration.fitting.estimates import FitEstimates
-from calibration.fitting.refits import LeaveOneOut
+from calibration.fitting.left_out import LeaveOneOut
 from calibration.fitting.warnings import FitWarning
 
 TIE = 2.0  # standard errors of a difference

@@ -19,7 +19,8 @@ HARD = (
     *("compiling", "mapping", "bridge", "derivatives", "outcome", "motion"),
     *("uncertainty", "curvature", "small_samples", "degrees_of_freedom"),
     *("fitting.errors", "true_velocities", "variances", "variance_updates", "pools"),
-    *("fitting.problem", "stages", "components"),
+    *("fitting.problem", "stages", "components", "search"),
+    *("profiles", "refits", "left_out", "density", "coordinates"),
 )
 
 
