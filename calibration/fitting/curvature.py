@@ -29,8 +29,8 @@ DIFFERENCE = (
 BOTH_SIDES = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12
 ONE_SIDE = np.arange(4.0), np.array([-11.0, 18.0, -9.0, 2.0]) / 6
 SHORTER = 12  # how often a step is halved that would pass a jump
-MOST = 4_000_000  # impacts of second derivatives: some seconds by the energy balance
-BY_TIME = 0.1  # of these where each is integrated over time, which takes ten times as long
+MOST = 4_000_000  # impacts of second derivatives
+BY_TIME = 0.1  # of these where each is integrated over time, which takes longer
 NUMBERS = 20_000_000  # of Jacobians that are in memory at once: 160 MB
 
 

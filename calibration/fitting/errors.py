@@ -59,8 +59,8 @@ from calibration.options import FitOptions
 ROOT = 10**0.5  # of Gauss and Hermite
 NODES = np.sqrt([0, 5 + ROOT, 5 - ROOT, 5 - ROOT, 5 + ROOT]) * [0, -1, -1, 1, 1]
 SHARES = np.array([32, 7 - 2 * ROOT, 7 + 2 * ROOT, 7 + 2 * ROOT, 7 - 2 * ROOT]) / 60
-STEP = 1e-4  # of a velocity, the least distance of the nodes: differences are then right to 1e-11
-SLOWEST = 0.02  # of a velocity: no node lies below, where a curve by v^(1/5) has hardly changed
+STEP = 1e-4  # of a velocity, the least distance of the nodes
+SLOWEST = 0.02  # of a velocity: no node lies below
 PLAIN = FitOptions()
 CALLED = {"scatter": "noise"}  # in θ the square root of a variance; others have one name
 Variances = Mapping[str, Any]

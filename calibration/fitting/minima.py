@@ -41,8 +41,8 @@ REFINED = 3  # of the screened starts that are searched
 # where the first starts miss the points: more per element, those searched, and how wide around the first
 FEWEST = 8  # requested starts: of fewer no more are made
 MORE = ((8, 16, 3.0), (16, 32, 10.0))
-MOST_SCREENED = 400_000  # impacts, about a second by the energy balance
-ODE_SHARE = 0.05  # of these where each is integrated over time, which takes twenty times as long
+MOST_SCREENED = 400_000  # impacts
+ODE_SHARE = 0.05  # of these where each is integrated over time, which takes longer
 QUICKEST = "levenberg-marquardt"
 AS_LOW = 1e-6  # share of a cost within which two ends may be one minimum
 MOVED = 1e-2  # in z, from which on ends are others to a reader

@@ -35,7 +35,7 @@ from calibration.schema import Real
 FARTHEST = 12.0  # in z from the estimate (factors of e): beyond, an interval is open
 STRIDE = 0.25  # in log units: where parameters make up for each other the way is curved
 EASY = 3  # steps of a refit up to which the next stride may be longer: the way is straight
-STEPS = 100  # of one refit, which takes 3 where the way is straight
+STEPS = 100  # of one refit
 POINTS = 6.0  # strides up to the limit, about
 BEYOND = 1.15  # of the way to the limit that is looked at, for the picture
 TOLERANCE = 1e-6  # of the limit, in z, or of √Δχ² there

@@ -34,7 +34,7 @@ from calibration.fitting.rows import BlockResiduals
 
 LEAST, MOST = 1e-9, 1e3  # of a variance, over the mean square of the residuals
 NONE = 1e-7  # the same, below which it counts as none
-STEP = 1e-2  # in the logarithm of a variance: differences of fourth order are then right to 1e-9
+STEP = 1e-2  # in the logarithm of a variance, of differences of fourth order
 RIDGE = 1e-12  # of the information, where parameters are not separate
 LONGEST = 2.0  # step in a logarithm of a variance
 ROUNDS, HALVINGS = 60, 25  # Newton's steps, and how often one is halved
