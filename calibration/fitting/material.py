@@ -17,6 +17,7 @@ from calibration.fitting.warnings import FitWarning
 from calibration.observables import OBSERVABLES, RESTITUTION
 from calibration.rounding import NO_ERROR, with_error
 
+HIDDEN = 2.0  # sizes by a robust fit over that by the fit, from which on a scatter hides a point
 USUAL_REACH = 2.0  # standard errors from a value to an end of its interval
 
 
@@ -125,7 +126,7 @@ class Outlier:
         weight = "" if self.weight == 1 else f", weight {self.weight:.2g}"
         text = f"{point}: {self.residual:+.3g} standard deviations{weight}"
         by_robust = self.robust_residual or 0.0
-        is_hidden = abs(by_robust) > abs(self.residual)
+        is_hidden = abs(by_robust) > HIDDEN * abs(self.residual)
         return text + f", {by_robust:+.3g} by a robust fit" * is_hidden
 
 

@@ -14,6 +14,7 @@ from calibration.rounding import number
 DOMINATES = 0.5  # share of a variance from which on one part is said to be most of it
 LEAST_MOVE = 0.1  # per cent of a result; what 1 % of an input moves by less is left out
 MOST_NAMED = 3
+FEW_NAMED = 2  # on a terminal
 AT = 3  # velocities at which ε is in the table
 STATISTICAL = "statistical"
 LETTERS = {"youngs_modulus": "E", "poisson_ratio": "ν", "density": "ρ", "yield_strength": "Y"}
@@ -128,9 +129,15 @@ def budget_sentences(result: Any) -> list[str]:
     return lines
 
 
-def exact_sentence(result: Any) -> str | None:
-    """That nothing is stated of the inputs, and by how much 1 % of those that matter moves a parameter."""
-    effects = result.of_one_per_cent
+def exact_sentence(result: Any, brief: bool = False) -> str | None:
+    """That nothing is stated of the inputs, and by how much 1 % of those that matter moves a parameter.
+
+    Args:
+        brief: with fewer of those.
+    """
+    if result.budget is not None:
+        return None
+    effects, most = result.of_one_per_cent, FEW_NAMED if brief else MOST_NAMED
     moves = [
         (abs(change), lettered(name), symbols.of_label(label, result), change)
         for name, of_results in effects.items()
@@ -142,10 +149,10 @@ def exact_sentence(result: Any) -> str | None:
     if not moves:
         return None
     first = next(label for *_, label, _ in sorted(moves, reverse=True))
-    ranked = sorted((entry for entry in moves if entry[2] == first), reverse=True)[:MOST_NAMED]
-    parts = [
-        f"1 % of {letter} moves {first} by {abs(change):.1f} %" for _, letter, _, change in ranked
-    ]
+    ranked = sorted((entry for entry in moves if entry[2] == first), reverse=True)[:most]
+    (_, letter, _, change), *others = ranked
+    parts = [f"1 % of {letter} moves {first} by {abs(change):.1f} %"]
+    parts += [f"of {letter} by {abs(change):.1f} %" for _, letter, _, change in others]
     exact = ", ".join(dict.fromkeys(LETTERS.get(n.rpartition(".")[2], n) for n in effects))
     head, _, last = exact.rpartition(", ")
     taken = f"{head} and {last}" if head else last
@@ -153,10 +160,9 @@ def exact_sentence(result: Any) -> str | None:
 
 
 def budget_blocks(result: Any, brief: bool) -> list[Block]:
-    """The budget of a fit, or the sentence that there is none."""
+    """The budget of a fit; no block without one."""
     if result.budget is None:
-        sentence = exact_sentence(result)
-        return [Block("list", [sentence])] if sentence else []
+        return []
     lines = budget_sentences(result)
     listed = [Block("list", lines)] if lines else []
     return listed if brief else [Block("table", budget_table(result)), *listed]

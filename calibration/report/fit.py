@@ -92,10 +92,10 @@ def terminal_report(result: Any, intro: str = "", verbose: bool = False, **more:
 
     `more` as of `sections`.
     """
-    names = (*TERMINAL, *VERBOSE) if verbose else TERMINAL
+    names: tuple[str, ...] = (*TERMINAL, *VERBOSE) if verbose else TERMINAL
+    if intro:  # which says what the data are
+        names = tuple("exact" if name == "notes" else name for name in names)
     shown = chosen(sections(result, **more, brief=not verbose), names)
-    if intro:
-        shown = [s for s in shown if s.name != "notes"]
     first = [Block("text", intro)] if intro else []
     for k, section in enumerate(shown):  # the table would look like the fit's
         if section.name == "posterior" and section.blocks:

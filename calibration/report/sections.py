@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from calibration import symbols
+from calibration.data.points import FALLEN
 from calibration.fitting.request import stated_parameters
 from calibration.fitting.warnings import NO_INTERVAL_HOLDS
 from calibration.options import VALUES_ALONE
 from calibration.parameters import Parameter
-from calibration.report.budget import budget_blocks
+from calibration.report.budget import budget_blocks, exact_sentence
 from calibration.report.layout import Block, Item
 from calibration.report.tables import (
     Printed,
@@ -52,8 +53,8 @@ LINE_OF_TWO = (
     "they do; only a third material can test it."
 )
 NO_SCATTER = (
-    "no scatter is estimated in addition to the errors of the tracks (it is from three points more than free parameters on, "
-    "without scale_uncertainty): errors are too small if impacts scatter more than frames show"
+    "no scatter is estimated beyond the errors of the tracks (that takes three points more than free parameters, and no "
+    "scale_uncertainty): errors are too small if impacts scatter more"
 )
 CONFIDENCE = (
     "Intervals contain the true value in {:g} % of experiments, if the law is right. Where noise is "
@@ -91,7 +92,7 @@ TERMINAL = (
     "posterior",
 )
 VERBOSE = ("stated", "meanings", "intervals", "groups", "data", "bodies", "computed", "about")
-PRINTED = ("lead", "warnings", "parameters", "budget", "quality", "outliers", "line")
+PRINTED = ("lead", "warnings", "parameters", "exact", "budget", "quality", "outliers", "line")
 NOTEBOOK = ("lead", "warnings", "parameters", "quality", "outliers")
 
 
@@ -115,6 +116,11 @@ def sections(
     versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
     notes = [(note, fit.name) for fit in result.materials for note in fit.data.notes]
     notes += [*_unscattered(result), *yielding_notes(result)]
+    if brief:  # neither what the table's headings say nor what a warning says
+        causes = {w.cause for w in result.warnings}
+        notes = [n for n in notes if not n[0].startswith(FALLEN) and n[0] not in causes]
+    exact = [sentence] if (sentence := exact_sentence(result, brief)) else []
+    noted = _with_owners(result, notes, "{names}: {text}")
     methods = [f"{name}: {text}" for name, text in interval_methods(result).items()]
     estimated = [e for fit in result.materials for e in fit.parameters.values()]
     methods += [NOT_JUDGED] if methods and any(e.skewed is None for e in estimated) else []
@@ -130,7 +136,8 @@ def sections(
         Section("warnings", "Warnings", _optional("warnings", warned)),
         Section("about", "", [Block("about", f"{datetime.date.today().isoformat()}; {versions}")]),
         Section("data", "Data", [Block("list", [_data_set(fit) for fit in result.materials])]),
-        Section("notes", "", _optional("list", _with_owners(result, notes, "{names}: {text}"))),
+        Section("notes", "", _optional("list", [*noted, *exact])),
+        Section("exact", "", _optional("list", exact if brief else [])),
         Section("bodies", "Bodies", [] if bodies.empty else [Block("table", bodies)]),
         Section(
             "parameters",

@@ -18,6 +18,7 @@ from calibration.rounding import ABSENT, interval, number, to_place, with_error
 Printed = Mapping[str, Mapping[str, float]]  # {material: {parameter: published value}}
 MANY = 1000  # degrees of freedom: with more, Student's t counts as the normal distribution
 MOST_OUTLIERS = 3
+MOST_ADVISED = 2  # warnings with their advice on a terminal
 MOST_SETS = 3  # that are named
 MOST_GROUPS = 20  # rows of the table of their offsets
 ROUNDING = 1e-12  # of ε
@@ -47,7 +48,8 @@ def warning_items(warnings: Iterable[Any], result: Any, brief: bool = False) -> 
     """Warnings with the symbols of the tables: χ̃, not chi; those of one code and advice together.
 
     Args:
-        brief: where no interval holds, the advice of other warnings than those that say so is left out.
+        brief: the advice of lesser warnings is left out where there are many; where no interval holds they are
+            named alone.
     """
     models, several = [fit.model for fit in result.materials], len(result.materials) > 1
     no_interval = has_intervals(result) and any(w.code in NO_INTERVAL_HOLDS for w in warnings)
@@ -56,14 +58,20 @@ def warning_items(warnings: Iterable[Any], result: Any, brief: bool = False) -> 
         owners = causes.setdefault((warning.code, warning.advice), {}).setdefault(warning.cause, [])
         owners += [warning.material] if several and warning.material else []
     items = []
+    lesser = [*dict.fromkeys(code for code, _ in causes if brief and code not in FIRST)]
+    only_named = no_interval and len(lesser) > 1
     for (code, advice), of in causes.items():
+        if only_named and code in lesser:
+            continue
         parts = [
             f"{who}: {cause}" if (who := whose(names, result)) else cause
             for cause, names in of.items()
         ]
-        is_lesser = brief and no_interval and code not in FIRST
+        is_lesser = code in lesser and (no_interval or len(causes) > MOST_ADVISED)
         text = symbols.written("; ".join(parts), models)
         items.append(Item(code, f": {text}.", "" if is_lesser else symbols.written(advice, models)))
+    if only_named:
+        items.append(Item("also", f": {', '.join(lesser)} (see the report, or --verbose)."))
     return items
 
 
