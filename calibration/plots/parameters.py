@@ -63,8 +63,10 @@ def _plot_profile(ax: Axes, profile: Any, estimate: Any) -> None:
     ax.plot(fine, np.interp(scale(fine), scale(values), root) ** 2, color=style.BLUE)
     ax.plot(values, rise, "o", color=style.BLUE, ms=3)
     ax.plot([], [], "-o", color=style.BLUE, ms=3, label="profile")
-    if estimate is not None and estimate.standard_error:
-        parabola = ((fine - estimate.value) / estimate.standard_error) ** 2
+    # of the likelihood, which uncertain inputs do not enter
+    error = estimate and (estimate.statistical_error or estimate.standard_error)
+    if estimate is not None and error:
+        parabola = ((fine - estimate.value) / error) ** 2
         ax.plot(fine, parabola, ":", color=style.ORANGE, label="from the standard error")
     text = "threshold of the interval"
     ax.axhline(profile.threshold, label=text, color=style.VERMILION, ls="--", lw=1)

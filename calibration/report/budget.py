@@ -17,6 +17,7 @@ MOST_NAMED = 3
 FEW_NAMED = 2  # on a terminal
 AT = 3  # velocities at which ε is in the table
 STATISTICAL = "statistical"
+NO_SHARE = 1e-6  # of a variance: less is written as 0
 LETTERS = {"youngs_modulus": "E", "poisson_ratio": "ν", "density": "ρ", "yield_strength": "Y"}
 LETTERS |= {"radius": "R", "mass": "M", "diameter": "the diameter"}
 
@@ -79,7 +80,7 @@ def _with_shares(parts: np.ndarray, statistical: float | None) -> list[str]:
     for part in [*parts, statistical if known else np.nan]:
         share = part**2 / total if total > 0 else 0.0
         text = "–" if not np.isfinite(part) else f"{number(float(part), 2)} ({_percent(share)})"
-        texts.append("0" if part == 0 else text)
+        texts.append("0" if share < NO_SHARE else text.replace("below ", "< "))
     return texts
 
 
