@@ -7,7 +7,7 @@ Which warnings belong to what:
 - the result: all of these, each once, and those of the fit of Eq. (18); in the order of `ADVICE`
 
 A new one is an entry of `ADVICE`, a function in the room of `checks` of its subject that looks for it, and a
-section of the reference's symptoms.
+row of the reference's symptoms.
 """
 
 from collections.abc import Iterable
