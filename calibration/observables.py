@@ -4,8 +4,8 @@ A data set is rows of (velocity, observable, value). ε is the one that every se
 are `RestitutionData.observed`, one `Observed` each, and a fit takes all of them as rows of one
 likelihood (`calibration.fitting.problem.Points`). A further observable is a row of `OBSERVABLES`, for what is
 predicted, and of `data.columns.OBSERVED_COLUMNS`, for what is measured. It follows
-from the force alone: one that depends on ε (`Observable.has_losses`) also concerns what `request._identified`
-searches, and what `laws` starts from and takes for known.
+from the force alone. One that depends on ε also concerns what `request._identified` searches, what `laws` starts
+from and takes for known, and `checks.impacts.beside_jump`.
 
 The others have a dimension: a fit works with them in parts of a power law of v through the measured
 values, so that scatter, where none is stated, is relative.
@@ -30,8 +30,8 @@ class Observable(NamedTuple):
         symbol, unit, words: its symbol, SI unit ("-" for none), and name in words.
         of: prediction of a `softjax.Restitution`, in SI and differentiable, 0 where there is none.
         power: of v that it goes with under Hertz's law.
-        has_losses: whether it depends on ε: the losses of Eq. (17) act on it, and where ε jumps, at
-            yield, it does too. A collision gives ε², below 0 where nothing rebounds, in its place.
+        is_signed_square: whether a collision gives its square, below 0 where nothing rebounds, and a fit
+            takes the signed root: ε alone. Another that depends on ε is a number as it stands.
     """
 
     symbol: str
@@ -39,7 +39,7 @@ class Observable(NamedTuple):
     words: str
     of: Callable[[Any], Any]
     power: float = 0.0
-    has_losses: bool = False
+    is_signed_square: bool = False
 
     @property
     def is_relative(self) -> bool:
@@ -65,7 +65,7 @@ def _residual_dent(hit: Any) -> Any:
 
 OBSERVABLES: dict[str, Observable] = {
     RESTITUTION: Observable(
-        "ε", "-", "coefficient of restitution", lambda hit: hit.coefficient, has_losses=True
+        "ε", "-", "coefficient of restitution", lambda hit: hit.coefficient, is_signed_square=True
     ),
     "contact_time": Observable("t_c", "s", "contact time", lambda hit: hit.duration, -0.2),
     "peak_force": Observable("F_max", "N", "largest force", lambda hit: hit.peak_force, 1.2),

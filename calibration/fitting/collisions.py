@@ -257,7 +257,7 @@ def _block(inputs, shape: LawShape, moving, route: Route, observable: str):
         for k, values in zip(each, some, strict=True):
             inputs[k] = values
         law = jax.tree.unflatten(shape.tree, inputs)
-        if not OBSERVABLES[observable].has_losses:
+        if not OBSERVABLES[observable].is_signed_square:
             hit = sj.restitution(law, velocity, route)
             return predicted(observable, hit), hit.status
         return tuple(sj.signed_restitution(law, velocity, route))

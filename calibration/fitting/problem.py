@@ -384,7 +384,7 @@ class Problem:
         velocity = np.broadcast_to(velocity, (fits, self.count))[:, at].ravel()
         expanded = expand(laws.shape, flat, velocity, laws.moving, self.route, name)
         value, slopes, status = (a.reshape(*a.shape[:-1], fits, len(row)) for a in expanded)
-        if not OBSERVABLES[name].has_losses:
+        if not OBSERVABLES[name].is_signed_square:
             return value / self.points.unit[at], slopes / self.points.unit[at], status
         eps, per = extended_root(value) if self.guided else (root(value), root_slope(value))
         return eps, slopes * per, status

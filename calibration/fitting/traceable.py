@@ -89,7 +89,7 @@ class NamedErrors:
         vector = _vector(self.problem, theta)
         velocity = jnp.asarray(errors.nodes if errors.has_velocity_errors else errors.velocity)
         law = self.problem.laws.of_points(vector, self.block.span)
-        if OBSERVABLES[self.block.observable].has_losses:
+        if OBSERVABLES[self.block.observable].is_signed_square:
             value = root(sj.signed_restitution(law, velocity, route).squared, jnp)
         else:
             hit = sj.restitution(law, velocity, route)

@@ -39,7 +39,9 @@ def beside_jump(fit: ComponentFit, part: MaterialFit) -> str | None:
     sides = Batch(velocity=critical * (1 + BESIDE * np.array([[-1.0], [1.0]])))
     below, above = problem.bare.linearise(np.tile(fit.z, (2, 1)), sides, False).prediction
     is_big = np.abs(above - below) > SHARE_OF_NOISE * fit.uncertainty.deviation
-    jumping = [k for k, observable in enumerate(OBSERVABLES.values()) if observable.has_losses]
+    jumping = [
+        k for k, observable in enumerate(OBSERVABLES.values()) if observable.is_signed_square
+    ]
     may_jump = (problem.points.set == g) & np.isin(problem.points.observable, jumping)
     near = np.flatnonzero(may_jump & is_big & (np.abs(velocity / critical - 1) <= NEAR_JUMP))
     if not len(near):
