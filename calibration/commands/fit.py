@@ -3,8 +3,8 @@
 Without a file it fits χ̃, σ and ψ of the three materials of Zhou, Theor. Appl. Mech. Lett. 3, 021003
 (2013), by the paper's own procedure, to a published fit of measurements that comes with the program.
 With one it fits your own: Zhou's law, or another (`--law`). Written are fit.json, points.csv, curves.png,
-report.html (one page, pictures inside) and, where there is something to show, profiles.png and
-correlation.png.
+report.html (one page, pictures inside) and, where there is something to show, profiles.png,
+correlation.png, observables.png, budget.png and track.png.
 """
 
 import argparse

@@ -144,7 +144,7 @@ class Goodness:
         noise_family: distribution of the errors.
         noise_dof: degrees of freedom of Student's t; None for normal errors.
         outliers: the points beyond what the noise explains, the farthest first.
-        standardised: residuals over their standard deviations, of each point.
+        standardised: residuals, fitted less measured, over their standard deviations, of each point.
         deviations: standard deviations of the values as the fit has them, of each point; relative but
             for ε.
         weights: in the fit, over that of a point on the curve, of each point; empty where all are 1.
