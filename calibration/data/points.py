@@ -297,7 +297,7 @@ def _contact_left_in(interval: Column, restitution: Column) -> tuple[str, ...]:
     """A remark on how much an unknown contact raises ε."""
     size = float(np.max(1e-3 * (1 - restitution) / interval))
     return (
-        f"the contact is in the intervals, a millisecond of it in ε by {size:.2g} at most "
+        f"intervals include the contact: each ms of it raises ε by {size:.2g} at most "
         "(bounce_contact_time takes it out)",
     )
 

@@ -33,7 +33,7 @@ from calibration.errors import DataError, Origin, did_you_mean, listed
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 NOT_CORRECTED = (
-    "not corrected for air: size and mass of the ball are not given (air = false: no need for it)"
+    "not corrected for air: size and mass of the ball are not given (air = false: none is needed)"
 )
 
 
