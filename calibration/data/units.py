@@ -140,9 +140,8 @@ def _find(text: str, si: str) -> Fraction | None:
     name = _plain(text)
     if si in ("1", ""):
         return {"-": Fraction(1), "1": Fraction(1), "%": PERCENT}.get(name) if si else None
-    if (
-        POWER.sub(r"^\1", name) == si
-    ):  # `kg/m3` too; without pint, which takes a tenth of a short fit
+    # `kg/m3` too; without pint, which takes a tenth of a short fit
+    if POWER.sub(r"^\1", name) == si:
         return Fraction(1)
     if name in NEVER:
         return None

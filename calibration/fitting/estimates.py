@@ -15,9 +15,7 @@ import numpy as np
 from calibration.data.checks import check_whole, checked_confidence
 from calibration.data.json_file import dumps
 from calibration.errors import DataError, did_you_mean, listed
-from calibration.fitting.budget import (
-    Budget,
-)
+from calibration.fitting.budget import Budget
 from calibration.fitting.components import ComponentFit, Likelihood
 from calibration.fitting.curves import band, of_impact
 from calibration.fitting.degrees_of_freedom import DegreesOfFreedom

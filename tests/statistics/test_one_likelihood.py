@@ -376,6 +376,35 @@ def test_each_set_of_a_joint_fit_has_its_own_noise():
     assert left.in_folds is None
 
 
+def test_scatters_of_sets_that_share_a_parameter_are_those_of_the_restricted_likelihood():
+    """ε = a x: each set pays for its share of a alone, not for all of it; by NumPy, a at its best for each pair."""
+    random, truth = np.random.default_rng(8), (0.9, 0.05)
+    speeds, noise = (np.linspace(1, 5, 4), np.linspace(1, 8, 15)), (0.01, 0.02)
+    values = [
+        curve(v, *truth) + s * random.standard_normal(len(v))
+        for v, s in zip(speeds, noise, strict=True)
+    ]
+    sets = [cal.RestitutionData(*x, name=n) for *x, n in zip(speeds, values, "ab", strict=True)]
+    parameters = {"level": cal.Parameter(shared=True), "rate": truth[1]}
+    fit = cal.fit(sets, Decay, parameters, **QUICK)
+    shapes = [curve(v, 1.0, truth[1]) for v in speeds]
+
+    def restricted(logs):
+        s, pairs = np.exp(logs), [*zip(shapes, values, strict=True)]
+        known = sum(x @ x / u for (x, _), u in zip(pairs, s, strict=True))
+        a = sum(x @ e / u for (x, e), u in zip(pairs, s, strict=True)) / known
+        parts = (
+            len(e) * np.log(u) + np.sum((e - a * x) ** 2) / u
+            for (x, e), u in zip(pairs, s, strict=True)
+        )
+        return sum(parts) + np.log(known)
+
+    tight = {"xatol": 1e-10, "fatol": 1e-12}
+    best = optimize.minimize(restricted, [-9.0, -8.0], method="Nelder-Mead", options=tight)
+    found = [material.variances["scatter"] for material in fit.materials]
+    np.testing.assert_allclose(found, np.exp(best.x), rtol=1e-4)
+
+
 def test_many_points_are_left_out_in_twenty_folds_by_the_same_density():
     """Above 400 points: against the fit without the fold of a point, and its noise."""
     data = imprecise(count=1100, seed=7)

@@ -23,10 +23,7 @@ from calibration.fitting.components import ComponentFit
 from calibration.fitting.errors import Errors
 from calibration.fitting.material import Estimate, MaterialFit
 from calibration.fitting.profiles import Profile
-from calibration.fitting.warnings import (
-    FitWarning,
-    raised,
-)
+from calibration.fitting.warnings import FitWarning, raised
 from calibration.observables import OBSERVABLES, RESTITUTION
 
 NO_RESIDUAL = 1e-12  # of ε
