@@ -14,7 +14,7 @@ import calibration as cal
 import softjax as sj
 from calibration.cli import COMMANDS
 from calibration.data.columns import OBSERVED, QUANTITIES
-from calibration.data.kinds import KINDS
+from calibration.data.kinds import KINDS, Kind
 from calibration.fitting.noise import FAMILIES
 from calibration.fitting.warnings import ADVICE
 from calibration.observables import OBSERVABLES
@@ -120,6 +120,8 @@ LISTS = {
             "calibration/options.py, FitOptions.noise": set(choices(FitOptions, "noise")),
             "tests/statistics/test_one_likelihood.py": in_quotes("tests/statistics/test_one_likelihood.py") | {"normal"},
             "tests/coverage/test_coverage.py": in_quotes("tests/coverage/test_coverage.py") | {"normal"},
+            "tests/commands/test_fit.py, CASES": set(re.findall(r'"noise": "([^"]+)"', text("tests/commands/test_fit.py"))) | {"normal"},
+            "tests/shown/test_fit.py, WEIGHTS": set(re.findall(r'"([^"]+)": ', re.search(r"WEIGHTS = {.*", text("tests/shown/test_fit.py"))[0])),
         },
     ),
     "observable": (
@@ -142,6 +144,17 @@ LISTS = {
                 for kind in KINDS.values()
                 if kind.named in MEASUREMENTS or f"## {kind.name.capitalize()}" in MEASUREMENTS
             },
+            # whose planned shots are readings; those of a film are planned as v and ε
+            "calibration/data/kinds.py, `readings` of its class": {
+                kind.name for kind in KINDS.values() if type(kind).readings is not Kind.readings
+            }
+            | {"", "tracks"},
+            "calibration/data/kinds.py, `gravity` of a flight": {
+                kind.name
+                for kind in KINDS.values()
+                if not kind.is_flight or type(kind).gravity is not Kind.gravity
+            }
+            | {"tracks"},
         },
     ),
     "column": (

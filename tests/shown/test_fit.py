@@ -353,6 +353,10 @@ def test_first_yield_velocity_errors_and_a_linear_axis(tmp_path):
     np.testing.assert_allclose(across[:, 1] - across[:, 0], 0.1)
 
 
+# how the line of an outlier tells its weight, of noise families that have one
+WEIGHTS = {"normal": "", "student-t": r", weight [\d.e-]+"}
+
+
 def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_heavy_tails():
     drop = np.array([50, 100, 200, 300, 400, 500, 600, 700.0])
     table = {"drop_height [cm]": drop / 10, "rebound_height [mm]": np.round(0.8 * drop)}
@@ -361,7 +365,7 @@ def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_
     data = make(table, pair("nylon"), height_uncertainty="1 mm", air=False)
     line = r"row 6, v = 3.132 m/s, ε = 0.8521: [-+]\d+\.?\d* standard deviations{}"
     line += r" \(drop 50 cm, rebound 36.3 cm\)"
-    for noise, weight in (("normal", ""), ("student-t", r", weight [\d.e-]+")):
+    for noise, weight in WEIGHTS.items():
         text = " ".join(str(cal.fit(data, "constant", profiles=False, noise=noise)).split())
         assert re.search(line.replace("{}", weight), text), text
 
