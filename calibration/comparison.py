@@ -26,7 +26,7 @@ ERRORS = {
     "stated": "uncertainties as stated",
     "scale": "stated uncertainties times a factor",
     "repeats": "the scatter of repeats",
-    "timing": "an error of times",
+    "timing": "an error of times or heights",
     "scatter": "scatter",
     "group": "an offset of each group",
 }

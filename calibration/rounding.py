@@ -11,11 +11,15 @@ LARGEST_WHOLE = 1e6  # larger numbers have a power of ten
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """`digits` significant digits, or a dash."""
+    """`digits` significant digits, or a dash; whole numbers below a million without a power of ten.
+
+    >>> number(0.12345, 3), number(999.9, 3)
+    ('0.123', '1000')
+    """
     if not _finite(value):
         return ABSENT
     text = f"{value + 0.0:.{digits}g}"  # no -0
-    is_whole = 10.0**digits <= abs(value) < LARGEST_WHOLE
+    is_whole = 10.0**digits <= abs(float(text)) < LARGEST_WHOLE
     return f"{float(text):.0f}" if is_whole else text
 
 

@@ -51,7 +51,7 @@ def checked_confidence(value: Any) -> float:
 
 
 def check_whole(name: str, value: Any, lowest: int) -> None:
-    """Raise DataError unless the value is a whole number of at least `least`."""
+    """Raise DataError unless the value is a whole number of at least `lowest`."""
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not is_whole or value < lowest:
         raise DataError(name, value, f"a whole number >= {lowest}")

@@ -100,7 +100,7 @@ class Kind:
     has_no_zero: ClassVar = False  # an uncertainty in percent means nothing
     accepted: ClassVar = ""  # what a reading must be
     follows: ClassVar = ""  # what a reading after another must be
-    spread: ClassVar = "of times [ms]"  # the size of their errors, in thousandths of SI
+    reading: ClassVar = ("times", "s")  # what is read, and its SI unit
     too_short: ClassVar = ""  # a launch that gives no restitution
 
     @property
@@ -254,7 +254,7 @@ class Peaks(OfHeights, OfBounces):
     """The heights from which a ball falls and to which it rises, one after the other."""
 
     is_numbered = True
-    spread = "of heights [mm]"
+    reading = ("heights", "m")
     named = "bounce with height (with launch)"
     accepted = "a positive height in m: no gap within a launch"
     follows = f"lower than the one above {SEPARATES}"

@@ -91,7 +91,7 @@ class Errors:
     points: PointErrors  # how what was measured enters ε and v
     # the group of each point, None where no offset of groups is unknown
     group: Int[np.ndarray, " n"] | None
-    # variances that are not stated: "scale" κ, "timing" s_t² [s²], "scatter" s², "group" τ²
+    # variances that are not stated: "scale" κ, "timing" s_t² [s², of heights m²], "scatter" s², "group" τ²
     unknown: tuple[str, ...]
     noise: Family
     # degrees of freedom behind stated uncertainties, None where they are known

@@ -64,8 +64,8 @@ class NamedErrors:
         return Points(*(a[self.block.span] for a in self.problem.points))
 
     @property
-    def per_second(self) -> float:
-        """Root mean square effect on ε of errors of 1 s in all times."""
+    def per_unit(self) -> float:
+        """Root mean square effect on ε of errors of 1 s in all times, or of 1 m in all heights."""
         points = self.errors.points
         factors = points.to_restitution * points.sizes_at(1.0)
         return max(float(np.sqrt(np.mean(np.sum(factors**2, axis=1)))), 1e-300)

@@ -17,7 +17,9 @@ TOP = 1.6  # of a profile's picture, in thresholds
 MOST_CORRELATED = 24  # parameters of correlation.png
 MOST_WRITTEN = 10  # and up to which it has numbers
 NEARLY_ONE = 0.995  # a correlation that two digits would call 1
-NOISES = {"noise": "scatter", "group": "between groups", "timing": "of times [s]"}  # as tables say
+# as tables say; "timing" is of what has the unit
+NOISES = {"noise": "scatter", "group": "between groups"}
+READINGS = {"s": "of times [s]", "m": "of heights [m]"}
 MOST_PAIRED = 8  # parameters of posterior.png: with more nothing can be read
 CROWDED = 5  # of them, from which on letters are small, numbers turned and names wrapped
 NARROW = 11  # letters of a line of a name then
@@ -106,7 +108,7 @@ def correlation_figure(result: Any) -> Figure | None:
             digits = 2 if abs(value) < NEARLY_ONE or row == column else 4
             text = f"{np.round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
             ax.text(column, row, text, ha="center", va="center", fontsize=7.5)
-    names = [_name(label, result, style.LONGEST, unit=False) for label in every[kept]]
+    names = [_name(label, result, style.LONGEST) for label in every[kept]]
     ax.set_xticks(range(len(kept)), names, rotation=90 * any("\n" in name for name in names))
     ax.set_yticks(range(len(kept)), names)
     some = f": the first {len(kept)} of {count}, all are in fit.json" * (count > len(kept))
@@ -115,11 +117,12 @@ def correlation_figure(result: Any) -> Figure | None:
     return figure
 
 
-def _name(label: str, result: Any, width: int, unit: bool = True) -> str:
-    """The symbol of a parameter, and the data set below it in lines of `width` letters."""
+def _name(label: str, result: Any, width: int, unit: str | None = None) -> str:
+    """The symbol of a parameter with its unit, if one is given; below it the data set in lines of `width` letters."""
     base, _, owner = label.removesuffix("]").partition("[")
     of = symbols.symbol(base, symbols.model_of(label, result))
-    symbol = NOISES.get(base) or symbols.in_math(of.label if unit else of.text)
+    noise = READINGS.get(unit or "") if base == "timing" else NOISES.get(base)
+    symbol = noise or symbols.in_math(of.text if unit is None else of.label)
     lines = textwrap.wrap(style.shortened(owner), width)
     return "\n".join([symbol, *map(style.plain, lines)])
 
@@ -133,13 +136,15 @@ def posterior_figure(posterior: Any, result: Any = None) -> Figure:
     """
     from calibration.fitting.posterior.draws import dataset_of
 
-    variables = dataset_of(posterior, "posterior").data_vars.items()
-    draws = {str(name): np.ravel(values) for name, values in [*variables][:MOST_PAIRED]}
+    variables = {str(name): of for name, of in dataset_of(posterior, "posterior").data_vars.items()}
+    draws = {name: np.ravel(of) for name, of in [*variables.items()][:MOST_PAIRED]}
     diverging = np.ravel(dataset_of(posterior, "sample_stats")["diverging"])
     ends = {name: np.quantile(values, [TAIL, 1 - TAIL]) for name, values in draws.items()}
     names, count, is_crowded = list(draws), len(draws), len(draws) >= CROWDED
     letters, width = ("x-small", NARROW) if is_crowded else ("medium", style.LONGEST)
-    labels = {name: _name(name, result, width) for name in names}
+    labels = {
+        name: _name(name, result, width, variables[name].attrs.get("unit", "")) for name in names
+    }
     figure = style.new_figure(style.WIDTH)
     grid = figure.subplots(count, count, squeeze=False, sharex="col")
     estimates = {} if result is None else result.estimates

@@ -27,6 +27,7 @@ QUALITY = {  # columns of the goodness of fit
     "scatter": "",  # as the family of noise calls it
     "between groups": "estimated standard deviation of the groups' offsets in ε",
     "of times [ms]": "estimated standard deviation of the times of bounces",
+    "of heights [mm]": "estimated standard deviation of the heights of bounces",
     "χ²/dof": "squared residuals over the stated variances, per degree of freedom",
     "factor": "by which the stated uncertainties were scaled, √(χ²/dof)",
     "P": "probability of a χ² at least as large if law and stated uncertainties hold",
@@ -271,6 +272,7 @@ def quality_table(result: Any, brief: bool = False) -> pd.DataFrame:
     rows, line = [], result.unloading_line
     for fit in result.materials:
         chi_squared = fit.reduced_chi_squared
+        what, unit = fit.data.errors.measured_by.reading
         numbers = {
             "dof": (fit.residual_degrees, max(3, len(f"{fit.residual_degrees:.0f}"))),
             "rms": (_size(fit.rms), 4),
@@ -278,7 +280,7 @@ def quality_table(result: Any, brief: bool = False) -> pd.DataFrame:
             "rms, χ̃ by Eq. (18)": (line and line.rms.get(fit.name), 4),
             "scatter": (_size(fit.noise), 3),
             "between groups": (fit.group_deviation, 3),
-            fit.data.errors.measured_by.spread: (fit.timing and 1e3 * fit.timing, 3),
+            f"of {what} [m{unit}]": (fit.timing and 1e3 * fit.timing, 3),
             "χ²/dof": (chi_squared, 3),
             "factor": (chi_squared**0.5 if "scale" in fit.variances else None, 3),
             "P": (fit.probability, 3),

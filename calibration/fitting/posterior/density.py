@@ -8,7 +8,7 @@ Priors where none was stated:
     a property of the contact that is free: with 1, around what was stated of the bodies
     between two bounds   uniform
     the whole line       N(start, (10 max(|start|, 1))²)
-    noise, group         half-normal of 0.1 in ε; timing: of as much time as makes 0.1 in ε
+    noise, group         half-normal of 0.1 in ε; timing: of as much time, or height, as makes 0.1 in ε
     scale                ln κ^½ ~ N(0, 1)
     pooled               ln θ_g ~ N(ln θ, τ²), θ as above; its spread τ half-normal of 0.5
 
@@ -45,7 +45,7 @@ from calibration.fitting.posterior.coordinates import (
     lowest,
     of_some,
 )
-from calibration.fitting.traceable import Traceable
+from calibration.fitting.traceable import NamedErrors, Traceable
 from calibration.parameters import FROM_ABOVE, LOG, LOGIT, NONE, Transform
 from calibration.rounding import number
 from softjax.compiling import QUICK, accepted
@@ -75,6 +75,7 @@ class Prior(NamedTuple):
     in_z: bool
     centre: float
     spread: float
+    unit: str = "-"  # of a noise
 
 
 class Pool(NamedTuple):
@@ -111,7 +112,7 @@ class Density:
     @property
     def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Whether each prior is in z, its centre and its spread."""
-        _, _, in_z, centre, spread = map(np.array, zip(*self.priors, strict=True))
+        _, _, in_z, centre, spread, _ = map(np.array, zip(*self.priors, strict=True))
         return in_z, centre, spread
 
     def at(self, u: Array) -> tuple[dict[str, Array], Array, Array]:
@@ -203,7 +204,7 @@ def density_of(problem: Traceable) -> Density:
     means = [problem.elements[pool.members[0]] for pool in problem.pools]
     every, first = [*problem.elements, *means], len(problem.elements)
     noises = [
-        _of_noise(kind, label, errors.per_second if kind == "timing" else 1.0)
+        _of_noise(errors, kind, label)
         for errors in problem.sets
         for kind, label in errors.labels.items()
     ]
@@ -249,8 +250,10 @@ def _log_normal(median: float, *ends: float) -> str:
     return f"log-normal, median {number(median)}, with 68 % from {low} to {high}"
 
 
-def _of_noise(kind: str, label: str, per_unit: float) -> Prior:
+def _of_noise(errors: NamedErrors, kind: str, label: str) -> Prior:
     if kind == "scale":
         return Prior(label, _log_normal(1.0, *(math.exp(z) for z in (-1, 1))), True, 0.0, 1.0)
-    size, unit = NOISE / per_unit, " s" if kind == "timing" else ""
-    return Prior(label, f"half-normal, {number(size, 1)}{unit}", False, 0.0, size)
+    if kind != "timing":
+        return Prior(label, f"half-normal, {number(NOISE, 1)}", False, 0.0, NOISE)
+    size, (_, unit) = NOISE / errors.per_unit, errors.errors.points.measured_by.reading
+    return Prior(label, f"half-normal, {number(size, 1)} {unit}", False, 0.0, size, unit)

@@ -37,7 +37,6 @@ LEAST = {"draws": 4, "chains": 1, "seed": 0, "warmup": 50}
 AT_ONCE = 256  # draws that are carried over to measurements side by side, of at most
 IMPACTS = 1 << 20  # points together
 OF_BAND = 1000  # draws of a band
-UNITS = {"timing": "s"}
 POINTS = "restitution"  # what the variable of all points is called
 DIMS = ("chain", "draw")
 Progress = Callable[[str, int, int], None] | None
@@ -234,7 +233,7 @@ def _variables(density: Density, drawn: Mapping[str, Any]) -> dict[str, Any]:
     units = {e.label: e.declared.unit for e in problem.elements}
     for k, prior in enumerate(density.priors):
         about = {
-            "unit": units.get(prior.label, UNITS.get(prior.label.partition("[")[0], "-")),
+            "unit": units.get(prior.label, prior.unit),
             "prior": prior.text,
             "lower": float(transform.lower[k]),
             "upper": float(transform.upper[k]),
