@@ -46,6 +46,10 @@ class AbstractRoute(eqx.Module):
             law: as `restitution` was given it, its numbers valid.
             velocity: an array, against which the law's numbers broadcast; JAX may trace both.
             clock, force: whether the duration and the largest force are requested.
+
+        Returns:
+            Numbers for each impact. Where ε_p² is not finite the status is SOLVER_FAILED; other flags,
+            such as ENERGY_GAIN, are the route's to raise.
         """
 
 

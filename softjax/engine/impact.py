@@ -15,6 +15,7 @@ The way of one call, `sj.restitution(law, velocity, route)`:
 `collide` gives histories the same way, by `history._history`; `duration` and `peak_force` are computed when used.
 """
 
+import inspect
 from collections.abc import Callable
 
 import equinox as eqx
@@ -27,7 +28,7 @@ from softjax.engine.energy import elastic_duration
 from softjax.engine.outcome import Collision, Requested, flagged, stated
 from softjax.fields import Flags, Numbers, is_array, is_float, shared_leaves
 from softjax.laws.base import ContactLaw, ForceLaw, HardSphereLaw, RateIndependentLaw
-from softjax.laws.forces import answer
+from softjax.laws.forces import answer, described, is_number
 from softjax.numerics.powers import safe_power, safe_sqrt
 from softjax.numerics.roots import compute_if_any
 from softjax.status import Status
@@ -132,17 +133,51 @@ def collisions(parameters, velocity, output: Callable, requested: Requested):
     law, route = parameters
     impact = prepare(law, velocity)
     law = impact.law
-    clock, force = requested.duration, requested.force
     if isinstance(law, RateIndependentLaw) and law.never_yields:
-        collision = elastic_collisions(impact, clock, force)
+        collision = elastic_collisions(impact, requested.duration, requested.force)
     elif isinstance(law, HardSphereLaw):
         squared = answer(law, "restitution_squared", impact.velocity)
-        zero = 0.0 if clock else None, 0.0 if force else None
+        zero = 0.0 if requested.duration else None, 0.0 if requested.force else None
         collision = with_elastic(impact, stated(squared, 0.0, 0.0, *zero))
     else:
+        check_requests(route)
+        clock, force = requested.duration, requested.force
         moving = route.collide(law, impact.acting, clock=clock, force=force)
-        collision = with_elastic(impact, moving)
+        collision = with_elastic(impact, checked(moving, route, impact.acting, requested))
     return output(impact, collision, requested)
+
+
+def check_requests(route) -> None:
+    """A ValueError where the user's route does not take what is requested."""
+    parameters = inspect.signature(route.collide).parameters
+    takes_all = any(one.kind is one.VAR_KEYWORD for one in parameters.values())
+    if not takes_all and not {"clock", "force"} <= {*parameters}:
+        accepted = "(self, law, velocity, *, clock=False, force=False)"
+        raise ArgumentError(f"`{type(route).__name__}.collide` must take {accepted}")
+
+
+def checked(collision, route, velocity: Numbers, requested: Requested) -> Collision:
+    """What a route returned; SOLVER_FAILED where it found no number.
+
+    Raises:
+        ValueError: in one line where the user's route returns something else than numbers.
+    """
+
+    def must_return(accepted, value):
+        name = f"`{type(route).__name__}.collide`"
+        return ArgumentError(f"{name} must return {accepted}, but returns {described(value)}")
+
+    if not isinstance(collision, Collision):
+        raise must_return("an sj.Collision", collision)
+    also = ["duration"] * requested.duration + ["force"] * requested.force
+    for part in ("energy", "peak", "residual", *also):
+        value = getattr(collision, part)
+        if not is_number(value, velocity.shape):
+            raise must_return(f"a number for each impact as `{part}`", value)
+    if not jnp.issubdtype(jnp.result_type(collision.flags), jnp.integer):
+        raise must_return("whole numbers as `flags`", collision.flags)
+    lost = flagged({Status.SOLVER_FAILED: ~jnp.isfinite(collision.energy)})
+    return collision._replace(flags=collision.flags | lost)
 
 
 def with_elastic(impact: Impact, collision: Collision) -> Collision:

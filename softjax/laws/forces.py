@@ -101,14 +101,14 @@ def answer(law, method: str, *values: Numbers):
     kind, accepted = ANSWERS.get(method, (object, "a number"))
     numbers = (answer,) if kind is object else answer
     shape = np.broadcast_shapes(*map(np.shape, [*values, *numbers_of(law).values()]))
-    if not (isinstance(answer, kind) and all(_is_number(number, shape) for number in numbers)):
+    if not (isinstance(answer, kind) and all(is_number(number, shape) for number in numbers)):
         raise ArgumentError(
-            f"{name} must return {accepted} for each impact, but returns {_described(answer)}"
+            f"{name} must return {accepted} for each impact, but returns {described(answer)}"
         )
     return answer
 
 
-def _is_number(value, shape: tuple[int, ...]) -> bool:
+def is_number(value, shape: tuple[int, ...]) -> bool:
     """Whether this is a real number, or an array of these that broadcasts to the shape."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return True
@@ -121,10 +121,10 @@ def _is_number(value, shape: tuple[int, ...]) -> bool:
     )
 
 
-def _described(value) -> str:
+def described(value) -> str:
     """What was returned in place of numbers, in a few words."""
     if isinstance(value, tuple):
-        return f"({', '.join(map(_described, value))})"
+        return f"({', '.join(map(described, value))})"
     if hasattr(value, "dtype"):
         return f"an array of shape {np.shape(value)} and type {value.dtype}"
     return "None" if value is None else f"a {type(value).__name__}"
