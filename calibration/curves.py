@@ -38,7 +38,7 @@ ASIDE = 1e-12  # of the velocity of a jump, from there to the rows next to it
 FEWEST, PLACES = 9, 65  # from one row to the next, both included, where the law is compared
 COMPARED = 10**6  # of these in all
 
-Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
+Route = sj.AbstractRoute | None
 Velocities = Float[np.ndarray, " n"]
 
 

@@ -85,7 +85,9 @@ def _check_route(route: Any) -> Any:
         )
         near = did_you_mean(route, ROUTES) if isinstance(route, str) else ""
         raise DataError("route", route, f"{routes}: {listed(ROUTES)}{near}")
-    return route if is_object and (name == "ode" or name not in ROUTES) else name
+    # a class of the user's may have a name of the library's
+    is_ours = type(route).__module__.startswith("softjax.")
+    return name if not is_object or (is_ours and name in ROUTES and not vars(route)) else route
 
 
 def route_named(name: str, **settings: Any) -> Any:

@@ -23,7 +23,7 @@ from softjax.laws.base import ContactLaw, HardSphereLaw, RateIndependentLaw
 from softjax.laws.reduced import Reduced
 from softjax.mapping import over_impacts
 from softjax.numerics.gauss import gauss_legendre
-from softjax.routes import ODE, as_argument, is_count, si_units
+from softjax.routes import ODE, is_count, si_units
 
 CLOCK_NODES = 32
 
@@ -92,7 +92,7 @@ def collide(
     if not is_count(samples) or samples < 3:
         raise ArgumentError(f"`samples` must be a whole number >= 3, but is {samples!r}")
     law, velocity = common_precision(law, checked(law, velocity))
-    return batched(_history, (law, as_argument(route)), velocity, int(samples), cut=False)
+    return batched(_history, (law, route.as_argument()), velocity, int(samples), cut=False)
 
 
 def _history(parameters, velocity, samples):

@@ -1,5 +1,6 @@
 """The coefficient of restitution over impact velocities; `engine.impact` begins with the way of one call."""
 
+from dataclasses import fields
 from typing import NamedTuple
 
 import equinox as eqx
@@ -21,7 +22,7 @@ from softjax.engine.impact import (
 from softjax.engine.outcome import Collision, Requested
 from softjax.fields import Flags, Numbers, checked, is_array, shared_leaves
 from softjax.laws.base import ContactLaw
-from softjax.routes import AbstractRoute, as_argument
+from softjax.routes import ROUTES, AbstractRoute
 from softjax.status import Status
 
 SHOWN = 16  # impacts whose numbers a printed result has
@@ -73,7 +74,7 @@ class Restitution(eqx.Module):
         law, velocity = common_precision(self.law, self.velocity)
 
         def computed(law, route, velocity):
-            parameters = law, as_argument(route)
+            parameters = law, route.as_argument()
             return batched(collisions, parameters, velocity, _observable, requested)
 
         # impacts that each have a law of their own
@@ -154,7 +155,7 @@ def restitution(
     check_law(law)
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
-    parameters = law, as_argument(route)
+    parameters = law, route.as_argument()
     parts = batched(collisions, parameters, velocity, results, Requested(overlaps=overlaps))
     (law, velocity, route), each = _kept((law, velocity, route))
     return Restitution(law, velocity, *parts, route, each)
@@ -212,7 +213,7 @@ def signed_restitution(
     check_law(law)
     route = _chosen(law, route)
     law, velocity = common_precision(law, checked(law, velocity))
-    return batched(collisions, (law, as_argument(route)), velocity, _signed, Requested())
+    return batched(collisions, (law, route.as_argument()), velocity, _signed, Requested())
 
 
 def _signed(impact: Impact, collision: Collision, _):
@@ -224,7 +225,8 @@ def _chosen(law: ContactLaw, route: AbstractRoute | None) -> AbstractRoute:
     """The requested route, or the law's default; a ValueError where the law cannot take it."""
     route = law.default_route() if route is None else route
     if not isinstance(route, AbstractRoute):
-        kinds = "EnergyBalance(), ClosedForm(), ODE(...) or TimeODE(...)"
+        *some, last = (f"{cls.__name__}({'...' * bool(fields(cls))})" for cls in ROUTES)
+        kinds = f"{', '.join(some)} or {last}"
         raise ArgumentError(f"`route` must be {kinds}, but is {route!r}")
     accepted = route.refusal(law)
     if accepted is not None:

@@ -3,6 +3,7 @@
 Your own route is a class with two methods, `refusal` and `collide` (`AbstractRoute`).
 """
 
+import dataclasses
 from abc import abstractmethod
 from functools import partial
 from typing import Any, ClassVar
@@ -30,9 +31,20 @@ class AbstractRoute(eqx.Module):
 
     Attributes:
         name: in words.
+        by_time: whether impacts are integrated over time: slow, and no faster in large blocks.
     """
 
     name: ClassVar[str]
+    by_time: ClassVar[bool] = False
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What a report tells of it, besides its name."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    def as_argument(self) -> "AbstractRoute":
+        """The route as compiled programs take it: one object for all that run the same program."""
+        return self
 
     @abstractmethod
     def refusal(self, law) -> str | None:
@@ -169,6 +181,7 @@ class ODE(AbstractRoute):
     max_steps: int = eqx.field(static=True, default=4096)
 
     name = "ode"
+    by_time = True
     by_reverse: ClassVar[bool] = False
 
     def __check_init__(self):
@@ -189,6 +202,14 @@ class ODE(AbstractRoute):
     def tolerance(self) -> Any:
         """The tolerance in force, 1e-8 unless given; of a traced one the nearest that is accepted."""
         return _in_force(1e-8 if self.rtol is None else self.rtol)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        how = {"rtol": self.tolerance} if self.steps is None else {"steps": self.steps}
+        return {"solver": self.solver, **how}
+
+    def as_argument(self) -> "ODE":
+        return self if self.steps is not None else _with_array(self)
 
     def error(self, unknown: float, dtype) -> Numbers:
         """What a step may be off: the tolerance, but for rounding; `unknown` if the steps are fixed."""
@@ -238,6 +259,7 @@ class TimeODE(AbstractRoute):
     max_steps: int = eqx.field(static=True, default=4096)
 
     name = "in time, by events"
+    by_time = True
 
     def __check_init__(self):
         _check_rtol(self.rtol)
@@ -247,6 +269,13 @@ class TimeODE(AbstractRoute):
     def tolerance(self) -> Any:
         """The tolerance in force; of a traced one the nearest that is accepted."""
         return _in_force(self.rtol)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        return {"rtol": self.tolerance}
+
+    def as_argument(self) -> "TimeODE":
+        return _with_array(self)
 
     def error(self, dtype) -> Numbers:
         """What a step may be off: the tolerance, but for rounding."""
@@ -272,10 +301,12 @@ class _Reversible(ODE):
     by_reverse = True
 
 
-def as_argument(route: Any) -> AbstractRoute:
-    """The route as compiled programs take it: of a tolerance they need the place, not the number."""
-    adaptive = isinstance(route, TimeODE) or (isinstance(route, ODE) and route.steps is None)
-    if not adaptive or is_traced(route.rtol):
+ROUTES = EnergyBalance, ClosedForm, ODE, TimeODE  # of the library
+
+
+def _with_array(route: Any) -> Any:
+    """With its tolerance as an array: of that a compiled program needs the place, not the number."""
+    if is_traced(route.rtol):
         return route
     tolerance = np.asarray(route.tolerance)
     return eqx.tree_at(lambda r: r.rtol, route, tolerance, is_leaf=lambda leaf: leaf is None)

@@ -69,7 +69,7 @@ def _take_material(arguments: argparse.Namespace) -> None:
     arguments.set = [word for word in arguments.set if "=" in word]
 
 
-def route_of(arguments: argparse.Namespace) -> sj.EnergyBalance | sj.ClosedForm | sj.ODE | None:
+def route_of(arguments: argparse.Namespace) -> sj.AbstractRoute | None:
     """The route that the options state; None without one."""
     if arguments.rtol is not None and arguments.route != "ode":
         raise DataError("--rtol", arguments.rtol, "given with --route ode only")

@@ -31,7 +31,7 @@ FEW_ROWS = 128  # that are built at once
 TINY_SQUARED = 1e-6  # below this ε² the root that guides a search is continued by another
 BENT_SQUARED = 1e-7  # the same of what a fit is judged by
 
-Route = sj.EnergyBalance | sj.ClosedForm | sj.ODE | None
+Route = sj.AbstractRoute | None
 # one data set: how many points it has, its contact, and of each local parameter, by name, which
 # element of the fit it is (-1: fixed), and at what it is fixed, one number or one a point
 SetOfRows = tuple[int, sj.Contact | None, Mapping[str, tuple[int, Any]]]
@@ -43,7 +43,7 @@ class LawShape(NamedTuple):
     tree: Any
     names: tuple[str, ...]  # of its leaves, "contact.radius", "chi"
     shared: tuple[bool, ...]  # which leaves all impacts share
-    route: Route  # what suits the law
+    route: sj.AbstractRoute  # what suits the law
 
     @classmethod
     def of(cls, law: sj.ContactLaw) -> "LawShape":
@@ -243,7 +243,7 @@ def expand(
     single = [shape.shared[k] and k not in moving for k in range(len(leaves))]
     many = [*(not one for one in single), True]
     inputs, settings = (list(leaves), velocity), (shape, moving, route, observable)
-    long, by_time = any(shape.shared[k] for k in moving), isinstance(route, sj.ODE)
+    long, by_time = any(shape.shared[k] for k in moving), route.by_time
     return in_few_sizes(_block, inputs, many, *settings, long=long, by_time=by_time)
 
 

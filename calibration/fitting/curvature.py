@@ -17,7 +17,6 @@ Where ε jumps at yield the cost jumps with it: steps are halved until they pass
 import numpy as np
 from jaxtyping import Float
 
-import softjax as sj
 from calibration.fitting.methods import TINY
 from calibration.fitting.problem import Problem
 from calibration.parameters import NONE
@@ -79,4 +78,4 @@ def asks_for_curvature(problem: Problem) -> bool:
     if has_network(problem) or not len(problem.active):
         return False
     impacts = 4 * len(problem.active) * problem.count * (5 if problem.has_velocity_errors else 1)
-    return impacts <= MOST * (BY_TIME if isinstance(problem.route, sj.ODE) else 1.0)
+    return impacts <= MOST * (BY_TIME if problem.collided_by.by_time else 1.0)

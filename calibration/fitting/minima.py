@@ -214,7 +214,7 @@ def _from_more_starts(problem: Problem, z, ends: list[Ends], options: FitOptions
 
     Also whether the best still misses them, and one search alone has found it.
     """
-    p, share = len(problem.active), ODE_SHARE if isinstance(problem.route, sj.ODE) else 1.0
+    p, share = len(problem.active), ODE_SHARE if problem.collided_by.by_time else 1.0
     for k, (per_element, most, wide) in enumerate(MORE):
         agree = len(ends) > 1 and all(_as_low(end, ends[0]) for end in ends)
         if not _misses(problem, ends[0]) or (agree and (k > 0 or p <= 2)):

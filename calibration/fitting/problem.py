@@ -98,6 +98,11 @@ class Problem:
     evaluated: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
 
     @property
+    def collided_by(self) -> sj.AbstractRoute:
+        """The route that is stated, else what suits the law."""
+        return self.laws.shape.route if self.route is None else self.route
+
+    @property
     def with_prior(self) -> list[int]:
         """Active elements with a prior."""
         return [k for k in self.active if self.elements[k].parameter.prior is not None]

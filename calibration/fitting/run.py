@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.linalg import block_diag
 
-import softjax as sj
 from calibration.data.inputs import stated_inputs
 from calibration.fitting.budget import (
     Budget,
@@ -168,7 +167,7 @@ def _covariances(fits: list[ComponentFit]):
 def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
     specs = [spec for fit in fits for spec in fit.component.specs]
     contacts = [spec.data.contact for spec in specs if spec.data.contact is not None]
-    options, integrated = request.options, fits[0].final.problem.route
+    options = request.options
     without_effect = idle(dict(options))
     names = ("noise", "noise_dof", "starts", "seed", "max_steps")
     table: dict[str, Any] = {
@@ -181,10 +180,8 @@ def _settings(request: Request, fits: list[ComponentFit]) -> dict[str, Any]:
         "x64": True,
         **{name: getattr(options, name) for name in names if name not in without_effect},
     }
-    if isinstance(integrated, sj.ODE):
-        steps = integrated.steps
-        how = {"rtol": integrated.tolerance} if steps is None else {"steps": steps}
-        table |= {"solver": integrated.solver, **how}
+    for name, value in fits[0].final.problem.collided_by.settings.items():
+        table[f"{name} of the route" if name in table else name] = value
     groups = {
         e.label: [fit.component.specs[g].data.name for g in e.sets]
         for fit in fits

@@ -114,12 +114,11 @@ def run_stage(
                 break
             problem, best = estimate_variances(problem, lower, options)
     norm, law = float(best.gradient_norm[0]), problem.laws.model.law_type
-    route = law.default_route() if problem.route is None else problem.route
     report = Stage(
         stage=name,
         materials=tuple(data.name for data in problem.datasets),
         optimiser=OPTIMISERS[options.optimiser],
-        route="closed form" if issubclass(law, sj.HardSphereLaw) else route.name,
+        route="closed form" if issubclass(law, sj.HardSphereLaw) else problem.collided_by.name,
         evaluations=int(problem.evaluated[0] - evaluated),
         iterations=int(best.iterations[0]),
         gradient_norm=norm if np.isfinite(norm) else None,

@@ -272,7 +272,7 @@ def problem(
     law: str | type | Callable[..., sj.ContactLaw] | None = None,
     parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     *,
-    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    route: sj.AbstractRoute | None = None,
     extra_scatter: bool | None = None,
     scale_uncertainty: bool = False,
     noise: str = "normal",

@@ -278,7 +278,7 @@ def optimal_velocities(
     uncertainty: float | None = None,
     measured: ArrayLike | None = None,
     measured_uncertainty: ArrayLike | None = None,
-    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    route: sj.AbstractRoute | None = None,
     starts: int = 8,
     seed: int = 0,
     progress: Progress | None = None,

@@ -442,7 +442,7 @@ def fisher_information(
     law: sj.ContactLaw | FitEstimates,
     velocity: ArrayLike = (),
     uncertainty: ArrayLike | None = None,
-    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    route: sj.AbstractRoute | None = None,
     *,
     parameters: Mapping[str, Any] | None = None,
     material: str | None = None,

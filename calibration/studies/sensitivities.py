@@ -76,7 +76,7 @@ class Sensitivities:
 def sensitivity(
     inputs: Inputs | sj.ContactLaw | FitEstimates,
     velocity: Float[ArrayLike, "..."],
-    route: sj.EnergyBalance | sj.ClosedForm | sj.ODE | None = None,
+    route: sj.AbstractRoute | None = None,
     *,
     material: str | None = None,
 ) -> Sensitivities:

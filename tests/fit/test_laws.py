@@ -184,6 +184,27 @@ class Springs(sj.AbstractRoute):
         return sj.Collision(energy, peak, residual, flags, force=peak_force if force else None)
 
 
+class Known(sj.EnergyBalance):
+    """A route of the user's that has the name of one of the library's, and a number of its own."""
+
+    nodes: int = 32
+
+
+@pytest.mark.parametrize(
+    ("route", "kept"),
+    [
+        (sj.EnergyBalance(), "energy balance"),
+        ("closed-form", "closed form"),
+        (Known(5), Known(5)),
+        (sj.TimeODE(rtol=1e-6), sj.TimeODE(rtol=1e-6)),
+        (sj.ODE(), sj.ODE()),
+    ],
+)
+def test_a_route_with_settings_keeps_them(route, kept):
+    """`Known(5)` became "energy balance", with its usual nodes."""
+    assert cal.FitOptions.of(route=route).route == kept
+
+
 def test_a_fit_takes_a_route_of_the_users_own_and_is_loaded_without_it(tmp_path):
     law = sj.WaltonBraun(PAIR, SPRING, 1.4 * SPRING, 500.0)
     noise = 0.002 * np.random.default_rng(1).standard_normal(20)
@@ -196,6 +217,8 @@ def test_a_fit_takes_a_route_of_the_users_own_and_is_loaded_without_it(tmp_path)
     for name in ("unloading_stiffness", "growth"):
         assert own.values[name] == pytest.approx(usual.values[name], rel=1e-9)
         assert own.standard_errors[name] == pytest.approx(usual.standard_errors[name], rel=1e-6)
+    known = cal.fit(data, "walton-braun", route=Known(5), profiles=False, starts=1).settings
+    assert (known["route"], known["nodes"]) == ("energy balance", 5)
     own.save(tmp_path / "fit.json")
     loaded = cal.FitResult.load(tmp_path / "fit.json")
     assert loaded.values == own.values

@@ -46,6 +46,7 @@ ROUTES = {
     "ode": {f"engine.{name}" for name in ("motion", "encke", "falls", "phase")},
     "time": {"engine.in_time"},
 }
+OF_ALL_ROUTES = {"engine.bridge", "engine.impact", "engine.outcome"}
 
 
 # calibration in floors: a module imports from lower ones, or from its own; also inside functions
@@ -145,6 +146,8 @@ def test_every_module_has_its_layer_and_imports_downwards_in_no_cycle(edges):
 def test_routes_share_the_law_alone_one_file_talks_to_diffrax_and_calibration_uses_public_names(
     edges,
 ):
+    engines = {name for name in SOFTJAX if name.startswith("engine.")}
+    assert engines == OF_ALL_ROUTES.union(*ROUTES.values()) - {"numerics.quadrature"}
     for name, target in edges[0]:
         for route, names in ROUTES.items():
             others = set().union(*(v for k, v in ROUTES.items() if k != route))
