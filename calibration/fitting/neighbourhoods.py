@@ -13,8 +13,11 @@ from jaxtyping import Float
 
 from calibration.fitting.problem import Problem
 
-MANY = 20_000  # points from which on it pays
-FEW = 4096  # neighbourhoods, of all data sets together
+# points from which on it pays: a fit to so many, with profiles, takes 1.5 s in place of 4.4 s
+MANY = 20_000
+# neighbourhoods, of all data sets together; limits of that fit move by up to 4e-5 standard errors,
+# with 1024 by 1.2e-4 in 1.2 s
+FEW = 4096
 
 
 def binned(problem: Problem, z: Float[np.ndarray, " elements"] | None = None) -> Problem:

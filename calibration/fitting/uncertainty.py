@@ -40,10 +40,14 @@ from calibration.parameters import NONE
 
 RANK_TOLERANCE = 1e-9  # smallest over largest singular value, columns scaled to one
 NO_ERROR = 50.0  # a standard error in log units that says nothing
-OF_ERROR = 0.1  # of that step, in standard errors, where weights of points move with the residuals
+# step of differences, in standard errors, where weights of points move with the residuals; 0.01
+# and 1 move standard errors by up to 4e-8 in 8 fits
+OF_ERROR = 0.1
 NULL_SHARE = 1e-3  # of a null direction, from which on an element counts as undetermined
 FOLLOWS = 0.1  # of its error by which an element follows another by a factor of e: it counts as undetermined
-LEAST_CURVATURE = 0.02  # observed over expected information, below which it counts as none
+# observed over expected information, below which it counts as none: of seven fits with a skewed
+# likelihood one has less, and more than 2e-4; all others have over 0.5
+LEAST_CURVATURE = 0.02
 
 Stages = Sequence[tuple[Problem, np.ndarray]]  # +1 or -1 for what is at an end of its range
 

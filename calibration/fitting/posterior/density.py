@@ -63,8 +63,12 @@ NOISE = 0.1  # of a half-normal prior of the noise, in ε
 POSITIVE = (0.0, math.inf)
 SPREAD = 0.5  # of pooled parameters, in z
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of what is uniform
-FARTHEST = 4.0  # standard deviations of the prior that the search for the largest density starts from its centre
-FEW = 1000  # points, up to which it takes longer to compile a program in full than to run it
+# standard deviations of the prior that the search for the largest density starts from its centre;
+# of seven posteriors all end in the same place from 1 to 8, and six do not arrive without a limit
+FARTHEST = 4.0
+# points, up to which it takes longer to compile a program in full than to run it: of 1000 points
+# 1.6 s longer, for 0.14 ms of 0.48 less an evaluation
+FEW = 1000
 
 
 class Prior(NamedTuple):
