@@ -185,6 +185,39 @@ def test_hard_spheres():
     )
 
 
+class Resting(sj.RateDependentLaw):
+    """Of which the collisions are known."""
+
+    contact: sj.Contact
+    end = "zero-overlap"
+
+    def force(self, overlap, velocity):
+        return 1e6 * overlap
+
+    def closed_form(self, velocity):
+        return sj.KnownCollision(1.0 + 0 * velocity, 1e-5, 0.0, 1e-3)
+
+
+class Renamed(Resting):
+    title: str = "at rest"
+
+
+class Stiffer(Resting):
+    def force(self, overlap, velocity):
+        return 2e6 * overlap
+
+
+class StifferAndKnown(Stiffer):
+    closed_form = Resting.closed_form
+
+
+def test_a_closed_form_is_of_the_force_that_it_is_defined_with():
+    known = {cls: cls.has_closed_form() for cls in (Resting, Renamed, Stiffer, StifferAndKnown)}
+    assert known == {Resting: True, Renamed: True, Stiffer: False, StifferAndKnown: True}
+    routes = {cls: type(cls.default_route()) for cls in known}
+    assert routes == {cls: sj.ClosedForm if is_known else sj.ODE for cls, is_known in known.items()}
+
+
 def test_the_closed_form_is_refused_where_there_is_none():
     for law in (sj.Hertz(PAIR), sj.Thornton(PAIR)):
         with pytest.raises(ValueError, match="`closed_form`, such as LinearSpringDashpot"):
