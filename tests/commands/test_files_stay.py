@@ -1,5 +1,7 @@
 """No command removes or changes a file that it does not write in this run."""
 
+import re
+
 import pytest
 
 from tests.command import run
@@ -57,6 +59,10 @@ def test_only_what_is_written_again_changes(name, quick, tmp_path):
     assert every - kept == expected
     there = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert there == {one for one in every if not one.startswith("..")}  # nothing else is left
+    # the command knows what it writes in its other forms
+    others = [files for of, files in COMMANDS.values() if of[0] == words[0]]
+    named = re.findall(r"[\w.]+\.\w+", error.partition("not written by this run")[2])
+    assert set().union(*others) - expected <= {*named}
 
 
 FEWER = {
