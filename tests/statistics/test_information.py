@@ -404,6 +404,11 @@ def test_what_is_measured_already_counts():
     assert found.before["rate"] == pytest.approx(expected, rel=1e-6)
     assert found.minimised[1] == pytest.approx(expected, rel=1e-6)
     assert f"it is {expected:.3g} now, and would be" in str(found)
+    # what was measured has the uncertainty of the new ones where no other is stated, or the usual one
+    for stated, u in (({"uncertainty": 0.02}, 0.02), ({}, 0.01)):
+        found = cal.optimal_velocities(DECAY, 3, BOUNDS, target="rate", measured=old, **stated)
+        expected = math.sqrt(covariance(old, u)[1, 1])
+        assert found.before["rate"] == pytest.approx(expected, rel=1e-6)
 
 
 def test_as_few_shots_as_reach_a_precision_and_else_the_best_there_is():
