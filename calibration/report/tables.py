@@ -403,7 +403,7 @@ def outlier_lines(result: Any) -> tuple[str, list[str]]:
         return f"{beyond}, none apart from the others (by a robust fit): see points.csv.", []
     apart.sort(key=lambda each: -abs(each[1].residual))
     named = apart[:MOST_OUTLIERS]
-    lines = [f"{owner}{outlier}{_heights(outlier, fall)}" for owner, outlier, fall in named]
+    lines = [f"{owner}{outlier}{heights_text(outlier, fall)}" for owner, outlier, fall in named]
     if len(named) == len(found):
         return f"{beyond}:", lines
     is_robust = all(outlier.robust for _, outlier, _ in apart)
@@ -411,7 +411,7 @@ def outlier_lines(result: Any) -> tuple[str, list[str]]:
     return f"{beyond} (points.csv); {which}:", lines
 
 
-def _heights(outlier: Any, fall: Any) -> str:
+def heights_text(outlier: Any, fall: Any) -> str:
     """The heights of an outlier as the file has them; no text without heights."""
     if fall is None:
         return ""

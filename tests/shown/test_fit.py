@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from calibration import plots
+from calibration.data.air import Fall
+from calibration.report.tables import heights_text
 from tests.cases import pair
 from tests.decay import Decay
 from tests.fit_oracle import eq_17, thornton
@@ -368,6 +371,20 @@ def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_
     for noise, weight in WEIGHTS.items():
         text = " ".join(str(cal.fit(data, "constant", profiles=False, noise=noise)).split())
         assert re.search(line.replace("{}", weight), text), text
+
+
+@pytest.mark.parametrize(
+    ("restitution", "has_rebounds", "heights"),
+    [
+        (0.5, True, "drop 100 cm, rebound 25 cm"),
+        (0.5, False, "drop 100 cm"),  # ε was stated
+        (None, True, "drop 100 cm"),  # another observable
+    ],
+)
+def test_heights_of_an_outlier_are_those_that_were_read(restitution, has_rebounds, heights):
+    fall = Fall("cm", 9.8, has_rebounds=has_rebounds)
+    outlier = SimpleNamespace(velocity=19.6**0.5, restitution=restitution)
+    assert heights_text(outlier, fall) == f" ({heights})"
 
 
 def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):

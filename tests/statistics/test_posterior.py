@@ -440,11 +440,11 @@ def of_two_sets(size, bad=False):
     random, dims = np.random.default_rng(1), ("chain", "draw")
     normal = random.standard_normal((4, 4, size))
     apart = 0.02 * np.arange(4)[:, None] * bad
-    shares = {"prior_share": 0.57, "lower": 0.0, "upper": 1.0, "prior": "uniform, 0 to 1"}
+    shares = {"prior_share": 0.5713, "lower": 0.0, "upper": 1.0, "prior": "uniform, 0 to 1"}
     draws = {
         "restitution[balls 0]": (dims, 1 - 0.02 * np.abs(normal[0]), shares),
-        "restitution[balls 1]": (dims, 0.9 + 0.007 * normal[1], {"prior_share": 0.71}),
-        "noise[balls 0]": (dims, 0.02 + 0.001 * normal[2] + apart, {"prior_share": 0.69}),
+        "restitution[balls 1]": (dims, 0.9 + 0.007 * normal[1], {"prior_share": 0.7082}),
+        "noise[balls 0]": (dims, 0.02 + 0.001 * normal[2] + apart, {"prior_share": 0.6934}),
     }
     energy = np.cumsum(normal[3], axis=1) if bad else normal[3]
     about = SAMPLER | {"warmup": size, "seed": 3}
