@@ -105,7 +105,15 @@ class Flight:
 
 
 def motion(speed: float, pull: float, drag: float, s: Any) -> tuple[Any, Any]:
-    """z - z₀ and v at times s after v₀ = `speed`; see above."""
+    """z - z₀ and v at times s after v₀ = `speed`; see above. Upwards, down, and beyond the terminal speed of 40.4 m/s:
+
+    >>> for speed in (6.0, -40.0, -80.0):
+    ...     z, v = motion(speed, 9.8, 0.006, 1.1)
+    ...     print(f"{z:.7f} {v:.7f}")
+    0.6325409 -4.8007344
+    -44.1022231 -40.1708599
+    -75.1865684 -59.7242115
+    """
     s = np.asarray(s, float)
     if drag <= 0 or pull <= 0:
         return speed * s - 0.5 * pull * s * s, speed - pull * s

@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.integrate import solve_ivp
 
 import calibration as cal
 import softjax as sj
 from calibration import plots
-from calibration.data.flights import motion
 from tests.coverage.runner import Case, study
 from tests.decay import Decay
 from tests.films import GRAVITY, Ball, Film
@@ -30,19 +28,6 @@ def tracked(film, random, **options):
 
 
 # ---------------------------------------------------------------- numbers
-
-
-@pytest.mark.parametrize("speed", [6.0, 1e-9, -2.0, -40.0, -41.0, -80.0])
-def test_the_motion_of_a_flight_is_the_integral_of_its_equation(speed):
-    """v' = -a - k v|v|, also thrown down beyond the terminal speed of 40.4 m/s."""
-    pull, drag = 9.8, 0.006
-    equation = lambda _, y: [y[1], -pull - drag * y[1] * abs(y[1])]  # noqa: E731
-    s = np.array([-0.2, 0.0, 0.3, 1.1])
-    found = np.array(motion(speed, pull, drag, s))
-    tight = {"rtol": 1e-11, "atol": 1e-13}
-    for k, end in enumerate(s):
-        expected = solve_ivp(equation, (0, end), [0, speed], **tight).y[:, -1]
-        np.testing.assert_allclose(found[:, k], expected, rtol=1e-8, atol=1e-8)
 
 
 def parabolas(restitution, speeds, rate=200.0, contact=0.0):

@@ -255,7 +255,9 @@ def _is_hidden(name: str) -> bool:
 def test_no_test_reaches_behind_the_public_names():
     files = [path for path in TESTS.rglob("*.py") if path.parent.name not in ("oracles", "rules")]
     assert len(files) > 50
-    found = {path.name: behind(path.read_text(encoding="utf-8")) for path in files}
+    found = {
+        str(path.relative_to(TESTS)): behind(path.read_text(encoding="utf-8")) for path in files
+    }
     assert {name: lines for name, lines in found.items() if lines} == {}
 
 

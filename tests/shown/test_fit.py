@@ -5,7 +5,6 @@ import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +14,6 @@ from scipy import optimize, stats
 import calibration as cal
 import softjax as sj
 from calibration import plots
-from calibration.data.air import Fall
-from calibration.report.tables import heights_text
 from tests.cases import pair
 from tests.decay import Decay
 from tests.fit_oracle import eq_17, thornton
@@ -373,18 +370,16 @@ def test_outliers_of_drops_have_the_heights_of_the_file_and_a_weight_only_under_
         assert re.search(line.replace("{}", weight), text), text
 
 
-@pytest.mark.parametrize(
-    ("restitution", "has_rebounds", "heights"),
-    [
-        (0.5, True, "drop 100 cm, rebound 25 cm"),
-        (0.5, False, "drop 100 cm"),  # ε was stated
-        (None, True, "drop 100 cm"),  # another observable
-    ],
-)
-def test_heights_of_an_outlier_are_those_that_were_read(restitution, has_rebounds, heights):
-    fall = Fall("cm", 9.8, has_rebounds=has_rebounds)
-    outlier = SimpleNamespace(velocity=19.6**0.5, restitution=restitution)
-    assert heights_text(outlier, fall) == f" ({heights})"
+def test_an_outlier_of_another_observable_has_the_drop_height_alone():
+    """Contact times of a spring; ε of the same row is a number of its own."""
+    drop = np.linspace(50, 700, 14)
+    table = {"drop_height [mm]": drop, "rebound_height [mm]": 0.64 * drop}
+    noise = 1 + 0.01 * np.where(np.arange(14) == 5, 12, (-1) ** np.arange(14))
+    table["contact_time [us]"], table["u_contact_time [us]"] = 40 * noise, [0.4] * 14
+    make = cal.RestitutionData.from_table
+    data = make(table, pair("nylon"), height_uncertainty="1 mm", air=False)
+    text = " ".join(str(cal.fit(data, "linear", profiles=False)).split())
+    assert re.search(r"row 6, [^()]*standard deviations \(drop 300 mm\)", text), text
 
 
 def test_a_fit_that_did_not_converge_is_marked_everywhere(tmp_path):

@@ -199,22 +199,17 @@ def test_priors_pools_and_what_else_was_measured_enter_as_documented():
     assert priors["stiffness"] == "log-normal, median 3e+06, with 68 % from 410000 to 2.2e+07"
 
 
-@pytest.mark.parametrize(("column", "unit"), [("interval", "s"), ("height", "m")])
-def test_an_error_of_readings_has_their_unit_and_a_prior_of_a_tenth_in_restitution(column, unit):
-    """∂ε/∂x₁ = -p ε/x₁ and ∂ε/∂x₂ = p ε/x₂ of ε = (x₂/x₁)^p, p = 1 of intervals and 1/2 of heights."""
-    power = {"interval": 1.0, "height": 0.5}[column]
-    readings = 0.5 * 0.8 ** (np.arange(6) / power) * (1 + 0.01 * np.array([0, 1, -1, 0, 1, -1]))
-    table = {"launch": [1] * 6, column: readings}
-    if column == "height":
-        table["bounce"] = range(6)
+def test_an_error_of_heights_has_their_unit_and_a_prior_of_a_tenth_in_restitution():
+    """∂ε/∂x₁ = -ε/2x₁ and ∂ε/∂x₂ = ε/2x₂ of ε = √(x₂/x₁); it was called one of times, in seconds."""
+    heights = 0.5 * 0.64 ** np.arange(6) * (1 + 0.01 * np.array([0, 1, -1, 0, 1, -1]))
+    table = {"launch": [1] * 6, "height": heights, "bounce": range(6)}
     fit = cal.fit(cal.RestitutionData.from_table(table, air=False), "constant", profiles=False)
     draws = fit.posterior(draws=10, chains=1, warmup=50, seed=1)
-    e = (readings[1:] / readings[:-1]) ** power
-    per_unit = np.sqrt(np.mean((power * e) ** 2 * (readings[1:] ** -2 + readings[:-1] ** -2)))
+    e = np.sqrt(heights[1:] / heights[:-1])
+    per_metre = np.sqrt(np.mean((e / 2) ** 2 * (heights[1:] ** -2 + heights[:-1] ** -2)))
     about = draws["posterior"]["timing"].attrs
-    assert (about["unit"], about["prior"]) == (unit, f"half-normal, {0.1 / per_unit:.1g} {unit}")
-    named = {ax.get_xlabel() for ax in posterior_figure(draws, fit).axes}
-    assert {"s": "of times [s]", "m": "of heights [m]"}[unit] in named
+    assert (about["unit"], about["prior"]) == ("m", f"half-normal, {0.1 / per_metre:.1g} m")
+    assert "of heights [m]" in {ax.get_xlabel() for ax in posterior_figure(draws, fit).axes}
 
 
 @pytest.mark.long
