@@ -51,7 +51,9 @@ FEWEST = 8  # requested starts: of fewer no more are made; then all six miss
 # 1.9x
 MORE = ((8, 16, 3.0), (16, 32, 10.0))
 MOST_SCREENED = 400_000  # impacts
-ODE_SHARE = 0.05  # of these where each is integrated over time, which takes longer
+# of these where each is integrated over time: value and gradient take 7 µs there, 0.05 to 0.08 by the energy
+# balance, so that this share takes a few times as long
+ODE_SHARE = 0.05
 QUICKEST = "levenberg-marquardt"
 AS_LOW = 1e-6  # share of a cost within which ends may be one minimum; no effect from 1e-8 to 1e-4
 # in z, from which on ends are others to a reader; no effect from 1e-4 to 1 on 8 fits of groups,
