@@ -187,7 +187,7 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
 
     smooth = isinstance(law, ReducedClosedForm)
     kinks = jnp.sort(loading_kinks(law, y)) / length
-    X, U, passed = _passed(force, kinks, y, route, smooth)
+    X, U, passed = _passed(force, kinks, y, route)
     above = X if smooth else X * (1 + INSIDE)
 
     def excess(X, _):
@@ -209,7 +209,7 @@ def _staged(law: ReducedRateIndependent, y: Numbers, route: Any) -> Peak:
     return Peak(overlap, y, reach.end, turns, solved, jnp.zeros_like(y))
 
 
-def _passed(force, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers, Flags]:
+def _passed(force, kinks, y, route: Any) -> tuple[Numbers, Numbers, Flags]:
     """X and U at the last kink before the peak, and whether the solver got there."""
     zero, one = jnp.zeros_like(y), jnp.ones_like(y)
     if not len(kinks):
@@ -221,10 +221,10 @@ def _passed(force, kinks, y, route: Any, smooth: bool) -> tuple[Numbers, Numbers
 
         def field(t, _):
             # half powers of the overlap above the last kink are smooth over the root of it
-            x = start + width * (t * t if smooth else jnp.minimum(t * t, 1 - INSIDE))
+            x = start + width * jnp.minimum(t * t, 1 - INSIDE)
             return (-2 * force(x) * 2 * width * t,)
 
-        (lost,), solved = solve(field, zero, one, (zero,), route, smooth=smooth)
+        (lost,), solved = solve(field, zero, one, (zero,), route)
         passes = going & (energy + lost > 0) & (jnp.isfinite(lost))
         state = jnp.where(passes, start + width, start), jnp.where(passes, energy + lost, energy)
         return (*state, passes, sure & (solved | ~going)), None

@@ -153,3 +153,9 @@ def test_thornton_far_beyond_yield(dtype):
     assert value.dtype == dtype
     assert (value[-1], slope[-1]) == (0, 0)
     assert np.allclose((slope * velocity / value)[:-1], -0.25, rtol=8 * np.finfo(dtype).eps, atol=0)
+
+
+def test_at_rest_nothing_is_lost_however_large_the_loss_of_moving_spheres_is():
+    """σ [v/(v_lim - v)]^ψ is 0 at v = 0, Eq. (17); with σ = 10⁶ nothing is left at 1 m/s."""
+    for law in (sj.Zhou(PAIR, 2.0, 1e6, 0.5), sj.EmpiricalRestitution(300.0, 1e6, 0.5)):
+        np.testing.assert_array_equal(sj.restitution(law, [0.0, 1.0]).coefficient, [1.0, 0.0])

@@ -150,7 +150,11 @@ def test_a_picture_for_a_paper_has_its_legend_whole_and_both_axes_logarithmic(mi
     mine = Figure().add_subplot()
     assert misfit.plot(mine, points=False) is mine
     assert "data" not in labels(mine)
-    assert mine.get_xlabel()
+    assert mine.get_xlabel() == "impact velocity $v$ [m/s]"
+    mine = Figure().add_subplot()
+    misfit.plot(mine)
+    (measured,) = mine.containers
+    np.testing.assert_array_equal(measured[0].get_xdata(), misfit.data.velocity)
 
 
 def test_a_result_is_a_table_in_markdown_and_latex(misfit):
@@ -160,4 +164,5 @@ def test_a_result_is_a_table_in_markdown_and_latex(misfit):
     latex = misfit.to_latex()
     assert f"$p_y/Y$ & ${shown.replace('±', chr(92) + 'pm')}$ & " in latex
     assert r"95 \% interval" in latex
+    assert f"${estimate.low:.4f} \\ldots {estimate.high:.4f}$" in latex
     assert latex.startswith("\\begin{tabular}{lll}\n\\toprule\n")
