@@ -417,6 +417,8 @@ data = "m.csv"
     lines = {line.get_label(): line.get_xydata() for line in axes[0].lines}
     impacts = lines["impacts, with ε"]
     np.testing.assert_allclose(impacts[:, 0], [c.time for c in data.tracks[0].crossings])
+    below = np.min(impacts[:, 1]) - axes[0].get_ylim()[0]
+    assert below > 0.15 * np.ptp(lines["frames of flights"][:, 1])  # room for the numbers of ε
     assert [t.get_text() for t in axes[0].texts] == [f"{e:.3f}" for e in data.restitution]
     assert len(lines["frames of flights"]) == sum(len(f.rows) for f in data.tracks[0].flights)
 
