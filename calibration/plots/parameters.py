@@ -19,7 +19,7 @@ MOST_WRITTEN = 10  # and up to which it has numbers
 NEARLY_ONE = 0.995  # a correlation that two digits would call 1
 # as tables say; "timing" is of what has the unit
 NOISES = {"noise": "scatter", "group": "between groups"}
-READINGS = {"s": "of times [s]", "m": "of heights [m]"}
+READINGS = {"s": "error of times [s]", "m": "error of heights [m]"}
 MOST_PAIRED = 8  # parameters of posterior.png: with more nothing can be read
 CROWDED = 5  # of them, from which on letters are small, numbers turned and names wrapped
 NARROW = 11  # letters of a line of a name then

@@ -209,7 +209,7 @@ def test_an_error_of_heights_has_their_unit_and_a_prior_of_a_tenth_in_restitutio
     per_metre = np.sqrt(np.mean((e / 2) ** 2 * (heights[1:] ** -2 + heights[:-1] ** -2)))
     about = draws["posterior"]["timing"].attrs
     assert (about["unit"], about["prior"]) == ("m", f"half-normal, {0.1 / per_metre:.1g} m")
-    assert "of heights [m]" in {ax.get_xlabel() for ax in posterior_figure(draws, fit).axes}
+    assert "error of heights [m]" in {ax.get_xlabel() for ax in posterior_figure(draws, fit).axes}
 
 
 @pytest.mark.long
