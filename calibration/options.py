@@ -77,17 +77,35 @@ def checked_law(law: Any) -> Any:
 
 def _check_route(route: Any) -> Any:
     """A route without settings becomes its name; one of the user's own class stays as it is."""
-    is_object = callable(getattr(route, "collide", None)) and not isinstance(route, type)
-    name = route.replace("-", " ") if isinstance(route, str) else getattr(route, "name", None)
-    if route is not None and not is_object and name not in ROUTES:
-        routes = (
-            "softjax.EnergyBalance(), softjax.ClosedForm(), softjax.ODE(...), your own, or a name"
-        )
-        near = did_you_mean(route, ROUTES) if isinstance(route, str) else ""
-        raise DataError("route", route, f"{routes}: {listed(ROUTES)}{near}")
+    near = ""
+    if route is None:
+        return None
+    if isinstance(route, str):
+        if (name := route.replace("-", " ")) in ROUTES:
+            return name
+        near = did_you_mean(route, ROUTES)
+    else:
+        import softjax
+
+        if isinstance(route, softjax.AbstractRoute):
+            return _usable(route)
+    routes = "softjax.EnergyBalance(), softjax.ClosedForm(), softjax.ODE(...), your own, or a name"
+    raise DataError("route", route, f"{routes}: {listed(ROUTES)}{near}")
+
+
+def _usable(route: Any) -> Any:
+    """A route that a fit can compile in, and name in its report."""
+    name = getattr(route, "name", None)
+    if not isinstance(name, str):
+        raise DataError("route", route, f'one with a name: name = "…" in {type(route).__name__}')
+    try:
+        hash(route)
+    except TypeError:
+        accepted = "one of numbers and words, without arrays: a fit compiles them in"
+        raise DataError("route", route, accepted) from None
     # a class of the user's may have a name of the library's
     is_ours = type(route).__module__.startswith("softjax.")
-    return name if not is_object or (is_ours and name in ROUTES and not vars(route)) else route
+    return name if is_ours and name in ROUTES and not vars(route) else route
 
 
 def route_named(name: str, **settings: Any) -> Any:
@@ -100,11 +118,12 @@ def route_named(name: str, **settings: Any) -> Any:
 
 
 def _route_entry(route: Any) -> Any:
-    """Entry of a route in files; of one of the user's own its name."""
+    """Entry of a route in files; of one of the user's own, or with a solver of the user's, its name."""
     if not hasattr(route, "name"):
         return route
-    is_own = not type(route).__module__.startswith("softjax.")
-    return {"name": route.name, **({} if is_own else vars(route))}
+    settings = vars(route) if type(route).__module__.startswith("softjax.") else {}
+    is_written = all(isinstance(x, str | int | float | None) for x in settings.values())
+    return {"name": route.name, **(settings if is_written else {})}
 
 
 def _check_dof(dof: Any) -> Any:

@@ -206,7 +206,8 @@ class ODE(AbstractRoute):
     @property
     def settings(self) -> dict[str, Any]:
         how = {"rtol": self.tolerance} if self.steps is None else {"steps": self.steps}
-        return {"solver": self.solver, **how}
+        is_named = isinstance(self.solver, str)
+        return {"solver": self.solver if is_named else type(self.solver).__name__, **how}
 
     def as_argument(self) -> "ODE":
         return self if self.steps is not None else _with_array(self)

@@ -16,6 +16,7 @@ tolerance, sets the next. `solve` takes these steps; `until` and `advance` integ
 0.13533528 True
 """
 
+import dataclasses
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -168,9 +169,12 @@ def integrate_steps(
 
 
 def _solver(route: Any):
-    if isinstance(route.solver, str):
-        return getattr(dfx, route.solver.capitalize())(scan_kind="lax")
-    return route.solver
+    solver = route.solver
+    if isinstance(solver, str):
+        return getattr(dfx, solver.capitalize())(scan_kind="lax")
+    # left to itself diffrax takes its stages by a loop that has no forward derivatives
+    undecided = getattr(solver, "scan_kind", "lax") is None
+    return dataclasses.replace(solver, scan_kind="lax") if undecided else solver
 
 
 def reverse_sensitivities(closed, count: int, route: Any, smooth: bool, tableau, active, *leaves):

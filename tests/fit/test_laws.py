@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import diffrax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -205,6 +206,35 @@ def test_a_route_with_settings_keeps_them(route, kept):
     assert cal.FitOptions.of(route=route).route == kept
 
 
+class Nameless(sj.AbstractRoute):
+    def refusal(self, law):
+        return None
+
+    def collide(self, law, velocity, *, clock=False, force=False):
+        return sj.EnergyBalance().collide(law, velocity, clock=clock, force=force)
+
+
+class Alike:
+    """It has the methods of a route, and is none."""
+
+    name, refusal, collide = "alike", Springs.refusal, Springs.collide
+
+
+@pytest.mark.parametrize(
+    ("route", "accepted"),
+    [
+        (Nameless(), "one with a name"),
+        (Alike(), r"your own, or a name: ode, "),
+        (sj.ODE, r"your own, or a name: ode, "),
+        (Known(jnp.ones(3)), "one of numbers and words, without arrays"),
+    ],
+)
+def test_a_route_that_no_fit_can_take_is_refused(route, accepted):
+    with pytest.raises(ValueError, match=f"^`route` must be .*{accepted}") as caught:
+        cal.FitOptions.of(route=route)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_fit_takes_a_route_of_the_users_own_and_is_loaded_without_it(tmp_path):
     law = sj.WaltonBraun(PAIR, SPRING, 1.4 * SPRING, 500.0)
     noise = 0.002 * np.random.default_rng(1).standard_normal(20)
@@ -219,6 +249,12 @@ def test_a_fit_takes_a_route_of_the_users_own_and_is_loaded_without_it(tmp_path)
         assert own.standard_errors[name] == pytest.approx(usual.standard_errors[name], rel=1e-6)
     known = cal.fit(data, "walton-braun", route=Known(5), profiles=False, starts=1).settings
     assert (known["route"], known["nodes"]) == ("energy balance", 5)
+    given = sj.ODE(solver=diffrax.Tsit5(), rtol=1e-8)
+    by_time = cal.fit(data, "walton-braun", route=given, profiles=False, starts=1)
+    assert by_time.settings["solver"] == "Tsit5"
+    assert by_time.values["growth"] == pytest.approx(usual.values["growth"], rel=1e-4)
+    by_time.save(tmp_path / "by_time.json")
+    assert cal.FitResult.load(tmp_path / "by_time.json").values == by_time.values
     own.save(tmp_path / "fit.json")
     loaded = cal.FitResult.load(tmp_path / "fit.json")
     assert loaded.values == own.values

@@ -7,6 +7,7 @@ from functools import lru_cache, partial
 from itertools import product
 
 import diffrax
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -180,6 +181,17 @@ def test_a_solver_of_diffrax_is_what_its_name_is():
     found = sj.restitution(law, 2.0, sj.ODE(steps=4, solver=diffrax.Tsit5())).coefficient
     named = sj.restitution(law, 2.0, route).coefficient
     assert found == pytest.approx(float(named), rel=1e-14)
+
+
+def test_a_solver_of_diffrax_has_derivatives():
+    """JAX refused them as those of a "custom_vjp"; against differences of Thornton's formula."""
+    law, route = LAWS["thornton"].law, sj.ODE(solver=diffrax.Tsit5())
+    v = 10 * float(law.elastic_velocity())
+    formula = lambda v: float(sj.thornton_restitution(law.contact, v, law.yield_factor))  # noqa: E731
+    slope = (formula(1.0001 * v) - formula(0.9999 * v)) / (0.0002 * v)
+    for derivative in (jax.grad, jax.jacfwd):
+        found = derivative(lambda v: sj.restitution(law, v, route).coefficient)(v)
+        assert float(found) == pytest.approx(slope, rel=1e-5)
 
 
 def test_solvers_that_are_refused():
